@@ -68,8 +68,8 @@ class Soak:
     - `chamber`: None for the operator.
 
     `wanted_degc`: the requested temperature, and its `stability`: None before the first request. `waiting`: whether it is not
-    stable yet; `left`: whether it left the tolerance since it was. `alarm`, `fault`: the present faults of the temperature and of
-    the chamber; empty for none.
+    stable yet; `left`: whether it left the tolerance since it was. `alarm`, `fault`: the present faults of the temperature and
+    of the chamber; empty for none.
     """
 
     stability: Stability | None

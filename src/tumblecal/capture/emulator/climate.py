@@ -11,14 +11,14 @@ class Climate:
     """A chamber with an instrument in it.
 
     The air follows its set point with a limited rate. The die follows the air plus self-heating, and the thermometer follows
-    the die, each with a first-order lag: dT/dt = (input - T) / lag. The readings follow the die: A' = (1 + s(T)) A + b(T) + loop,
-    with polynomials s and b of T minus the reference without a constant. The loop is a play operator: its state follows the
+    the die, each with a first-order lag: dT/dt = (input - T) / lag. The readings follow the die: A' = (1 + s(T)) A + b(T) + h,
+    with polynomials s and b of T minus the reference without a constant. h is a play operator: its state follows the
     temperature at a distance of at most half the `hysteresis_degc`, so that the reading is +`hysteresis_mg` on a rising branch
     and -`hysteresis_mg` on a falling one, after a change of direction by `hysteresis_degc`.
 
     **Arguments:**
 
-    - `config`: chamber, its profile, lags and coefficients.
+    - `config`: chamber, lags and coefficients.
 
     `air_degc`, `die_degc`, `thermometer_degc`: true temperature of the air and of the die, and reading of the thermometer.
     """
@@ -31,26 +31,16 @@ class Climate:
         self._chamber, self._thermal = config.chamber, config.temperature
         self.air_degc = self.set_point_degc = config.instrument.temperature_degc
         self.die_degc = self.thermometer_degc = self._play = self.air_degc + self._thermal.self_heating_degc
-        self._rate, self._hold_s = self._chamber.ramp_degc_per_min, 0.0
-        self._profile = list(config.chamber.profile)
         self._bias, self._scale = _coefficients(self._thermal.bias_mg), _coefficients(self._thermal.scale_mg_per_g)
 
     def set_temperature(self, degc: float) -> None:
-        """Request a temperature within the limits of the chamber; a profile ends."""
-        self._profile = []
+        """Request a temperature within the limits of the chamber."""
         self.set_point_degc = float(np.clip(degc, self._chamber.lowest_degc, self._chamber.highest_degc))
-        self._rate = self._chamber.ramp_degc_per_min
 
     def advance(self, seconds: float) -> None:
         """Let time pass, in steps that are short compared with the lags."""
-        if self._profile and self.air_degc == self.set_point_degc:
-            self._hold_s -= seconds
-            if self._hold_s <= 0:
-                ramp = self._profile.pop(0)
-                self.set_point_degc, self._hold_s = ramp.to_degc, 60 * ramp.hold_min
-                self._rate = ramp.degc_per_min or self._chamber.ramp_degc_per_min
         thermal, air, die = self._thermal, self.air_degc, self.die_degc
-        step = self._rate / 60 * seconds
+        step = self._chamber.ramp_degc_per_min / 60 * seconds
         self.air_degc += float(np.clip(self.set_point_degc - air, -step, step))
         surrounding = (air + self.air_degc) / 2 + thermal.self_heating_degc
         self.die_degc += (surrounding - die) * _fraction(seconds, thermal.die_lag_s)

@@ -12,7 +12,7 @@ from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
 class Instrument(Strict):
-    """The device: protocol, serial number, range, rate; whether it answers commands, and how many it misses first.
+    """The device: protocol, serial number, range, rate; whether it answers commands.
 
     `temperature_degc`: at the beginning. `temperatures`: whether a STIM300 sends them; by default with a table chamber or
     temperature.
@@ -26,7 +26,6 @@ class Instrument(Strict):
     temperatures: bool | None = None
     start_up_s: NotNegative = 0.7
     answers: bool = True
-    answers_after: int = Field(default=0, ge=0)
 
 
 class InstrumentNoise(Strict):
@@ -49,27 +48,15 @@ class InstrumentNoise(Strict):
         return Noise(tuple(part for part, size in zip(parts, sizes, strict=True) if size))
 
 
-class Ramp(Strict):
-    """A part of a chamber's profile: a ramp to a temperature (`degc_per_min`: by default that of the chamber), then a soak."""
-
-    to_degc: Celsius
-    degc_per_min: Positive | None = None
-    hold_min: NotNegative = 0.0
-
-
 class VirtualChamberTable(Strict):
-    """The chamber around the instrument: rate and limits of its air, and a profile that runs until a temperature is set."""
+    """The chamber around the instrument: rate and limits of its air."""
 
     ramp_degc_per_min: Positive = 2.0
     lowest_degc: Celsius = -70.0
     highest_degc: Celsius = 180.0
-    profile: list[Ramp] = Field(default_factory=list)
 
 
 _Coefficients = Annotated[list[Number], Field(max_length=9, default_factory=list)]
-
-
-_Times = Annotated[list[Number], Field(default_factory=list)]
 
 
 class AxisPolynomials(Strict):
@@ -112,18 +99,11 @@ class Head(Strict):
 class Faults(Strict):
     """Faults on request; rates are events a second of device time, times are seconds of device time."""
 
-    bit_flips_per_s: NotNegative = 0.0
-    lost_bytes_per_s: NotNegative = 0.0
-    garbage_per_s: NotNegative = 0.0
     missing_frames_per_s: NotNegative = 0.0
-    exchanged_frames_per_s: NotNegative = 0.0
-    repeated_frames_per_s: NotNegative = 0.0
     stalls_per_s: NotNegative = 0.0
     overloads_per_s: NotNegative = 0.0
-    unplug_at_s: _Times
+    unplug_at_s: Annotated[list[Number], Field(default_factory=list)]
     unplug_for_s: Positive = 1.0
-    restart_at_s: _Times
-    stall_longest_s: Positive = 0.4
 
 
 class Mistake(Strict):

@@ -1,4 +1,4 @@
-"""The virtual device: samples at the device's clock, encoded, damaged on request, with a ledger of the true events."""
+"""The virtual device: samples at the device's clock, encoded, with a ledger of the true events."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -19,42 +19,34 @@ from tumblecal.noise.sampling import SampleStream
 # Interval of time, and of temperature, at which the true output at rest is recomputed, for effects that drift.
 _REFRESH_S, _REFRESH_DEGC = 5.0, 0.05
 _ON_TIME_S, _BLOCK_S = 1.0, 0.1
-_LONGEST_GARBAGE = 60
 
 # Readings in local g at (alpha_deg, beta_deg, time_s, temperature_degc): shape (3,).
 TruthFunction = Callable[[float, float, float, float], NDArray[np.float64]]
-
-# Angular rates in deg/s, shape (n, 3), of the samples with these numbers, shape (n,).
-RateFunction = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 
 @dataclass
 class Ledger:
     """The true events of the device's samples, by number.
 
-    `latest_ms`: largest delay of the emulator, by the host's clock. `behind_s`: present delay, `longest_behind_s`: largest
-    delay, in the device's time, if a busy computer prevents samples in time.
+    `behind_s`: present delay, `longest_behind_s`: largest delay, in the device's time, if a busy computer prevents samples in
+    time.
     """
 
     generated: int = 0
     intact: int = 0
-    damaged: int = 0
     missing: int = 0
-    exchanged: int = 0
-    repeated: int = 0
     unplugged: int = 0
     overrun: int = 0
     replaced: int = 0
     restarts: int = 0
     stalls: int = 0
     overloads: int = 0
-    latest_ms: float = 0.0
     behind_s: float = 0.0
     longest_behind_s: float = 0.0
 
     def as_dict(self) -> dict[str, float | str]:
         """The ledger as keys and values of a file; `lost`: samples that cannot arrive, except those replaced by replies."""
-        lost = self.damaged + self.missing + self.unplugged + self.overrun
+        lost = self.missing + self.unplugged + self.overrun
         return asdict(self) | {"warning": self.warning(), "lost": lost}
 
     def warning(self) -> str:
@@ -79,11 +71,10 @@ class VirtualDevice:
 
     - `config`: its description.
     - `truth`: its output at rest; by default that of an ideal instrument.
-    - `rates`: angular rates in deg/s of the samples with these numbers; by default noise.
     """
 
-    def __init__(self, config: Emulation, truth: TruthFunction = ideal, rates: RateFunction | None = None):
-        self.config, self._truth, self._rates = config, truth, rates
+    def __init__(self, config: Emulation, truth: TruthFunction = ideal):
+        self.config, self._truth = config, truth
         self.rate_hz = config.instrument.rate_hz
         self.protocol = protocol(config.instrument.protocol)
         self.settings = Settings(rate_hz=self.rate_hz, temperatures=config.sends_temperatures)
@@ -95,7 +86,7 @@ class VirtualDevice:
         self._noise = SampleStream(config.noise.model, 1 / self.rate_hz, config.noise.seed)
         self._random = np.random.default_rng([config.noise.seed, 1])
         self._starting_until_s, self._counter_offset = config.instrument.start_up_s, 0
-        self._replies, self._input, self._commands = list[bytes](), b"", 0
+        self._replies, self._input = list[bytes](), b""
         self._known: tuple[tuple, NDArray] | None = None
         # Compiled before the clock runs, which may take seconds.
         self._at_rest(0.0)
@@ -116,18 +107,15 @@ class VirtualDevice:
         """Receive commands; the replies are sent instead of the next samples."""
         instrument = self.config.instrument
         *commands, self._input = (self._input + data).replace(b"\n", b"\r").split(b"\r")
-        for command in commands:
-            self._commands += 1
-            if instrument.answers and self._commands > instrument.answers_after:
-                reply = self.protocol.answer(command, self.settings, instrument.serial_number)
-                self._replies += [reply] if reply else []
+        answers = (self.protocol.answer(command, self.settings, instrument.serial_number) for command in commands)
+        self._replies += filter(None, answers) if instrument.answers else []
 
     def advance(self, n: int) -> bytes:
         """The bytes of the next `n` samples, as they arrive at the other end of the cable."""
         out = b""
         while n > 0:
             block = min(n, max(1, int(_BLOCK_S * self.rate_hz)))
-            samples = self._samples(block)
+            samples = self.samples(block)
             self.ledger.generated += block
             n -= block
             if self.plugged:
@@ -136,7 +124,8 @@ class VirtualDevice:
                 self.ledger.unplugged += block
         return out
 
-    def _samples(self, n: int) -> Samples:
+    def samples(self, n: int) -> Samples:
+        """The next `n` samples, as the device measures them."""
         config, random = self.config, self._random
         number = self.ledger.generated + np.arange(n)
         times = number / self.rate_hz
@@ -145,10 +134,7 @@ class VirtualDevice:
         samples.force[:] = self.climate.applied(self._at_rest(middle))
         samples.force[:] *= config.site.gravity.value_ms2 / STANDARD_GRAVITY_MS2
         samples.force[:] += self._noise.take(n) + self.head.shaking(times, random)
-        if self._rates is not None:
-            samples.rate[:] = self._rates(number)
-        else:
-            samples.rate[:] = random.normal(size=(n, 3)) * config.noise.gyro_sd_dps + self.head.rates(middle)
+        samples.rate[:] = random.normal(size=(n, 3)) * config.noise.gyro_sd_dps + self.head.rates(middle)
         thermometer_noise = config.temperature.thermometer_noise_degc * random.normal(size=n)
         samples.temperature[:] = self.climate.thermometer_degc + thermometer_noise
         counter = self.protocol.counter
@@ -172,54 +158,12 @@ class VirtualDevice:
         return self._known[1]
 
     def _sent(self, samples: Samples) -> bytes:
-        """The bytes of samples with faults and replies."""
-        faults, ledger, random, n = self.config.faults, self.ledger, self._random, len(samples)
-        rates = (
-            faults.bit_flips_per_s,
-            faults.lost_bytes_per_s,
-            faults.garbage_per_s,
-            faults.missing_frames_per_s,
-            faults.exchanged_frames_per_s,
-            faults.repeated_frames_per_s,
-        )
-        drawn = random.random((len(rates), n)) < np.array(rates)[:, None] / self.rate_hz
-        if not (drawn.any() or self._replies):
-            ledger.intact += n
-            return self.protocol.encode(samples, self.settings)
-        flips, cuts, garbage, missing, exchanged, repeated = drawn
-        frames = self._frames(samples)
-        exchanged[-1] = False
-        exchanged[1:] &= ~exchanged[:-1]
-        for k in np.flatnonzero(exchanged).tolist():
-            frames[k : k + 2] = frames[k + 1], frames[k]
-        ledger.exchanged += int(exchanged.sum())
-        out = bytearray()
-        for k, frame in enumerate(map(bytearray, frames)):
-            if garbage[k]:
-                out += random.bytes(int(random.integers(1, _LONGEST_GARBAGE)))
-            if missing[k]:
-                ledger.missing += 1
-                continue
-            if self._replies:
-                ledger.replaced += 1
-                out += self._replies.pop(0)
-                continue
-            if flips[k]:
-                frame[int(random.integers(len(frame)))] ^= 1 << int(random.integers(8))
-            if cuts[k]:
-                del frame[int(random.integers(len(frame)))]
-            damaged = bool(flips[k] or cuts[k])
-            twice = bool(repeated[k]) and not damaged
-            ledger.damaged += damaged
-            ledger.intact += not damaged
-            ledger.repeated += twice
-            out += frame * (1 + twice)
-        return bytes(out)
-
-    def _frames(self, samples: Samples) -> list[bytes]:
-        """The bytes of each sample; encoded together if all are equally long."""
-        data, n = self.protocol.encode(samples, self.settings), len(samples)
-        size = len(self.protocol.encode(samples[:1], self.settings))
-        if size * n == len(data):
-            return [data[k : k + size] for k in range(0, len(data), size)]
-        return [self.protocol.encode(samples[k : k + 1], self.settings) for k in range(n)]
+        """The bytes of samples, of which some are missing and some replaced by replies."""
+        ledger = self.ledger
+        sent = self._random.random(len(samples)) >= self.config.faults.missing_frames_per_s / self.rate_hz
+        ledger.missing += int((~sent).sum())
+        samples, replies = samples[sent], self._replies[: int(sent.sum())]
+        self._replies = self._replies[len(replies) :]
+        ledger.replaced += len(replies)
+        ledger.intact += len(samples) - len(replies)
+        return b"".join(replies) + self.protocol.encode(samples[len(replies) :], self.settings)

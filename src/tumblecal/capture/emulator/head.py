@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 
 _SHAKE_DECAY_S = 0.3
-_FORGOTTEN_S = 10.0
+_FORGOTTEN_S, _STEP_S = 10.0, 1e-3
 
 
 class DividingHead:
@@ -43,8 +43,8 @@ class DividingHead:
 
     def rates(self, now_s: float) -> NDArray[np.float64]:
         """Angular rate in the sensor's axes, deg/s, shape (3,): the spindle turns about x, the pitch axis follows."""
-        part = np.clip((now_s - self._start_s) / self._turn_s, 0, 1)
-        alpha, beta = (self._after - self._before) * 6 * part * (1 - part) / self._turn_s
+        ahead, behind = np.array(self.angles(now_s + _STEP_S)), np.array(self.angles(now_s - _STEP_S))
+        alpha, beta = (ahead - behind) / (2 * _STEP_S)
         turned = np.radians(self.angles(now_s)[0])
         return np.array([alpha, beta * np.cos(turned), -beta * np.sin(turned)])
 

@@ -16,7 +16,7 @@ from tumblecal.ground.atomic import write_text
 
 
 _TICK_S = 0.004
-_LONGEST_STEP_S, _SHORTEST_STALL_S = 0.25, 0.02
+_LONGEST_STEP_S, _STALLS_S = 0.25, (0.02, 0.4)
 _FRAME_BYTES = 38
 
 # Called at every tick with the device; may turn the head, knock it, or return False to end.
@@ -75,29 +75,27 @@ class VirtualInstrument:
         ledger: Path | None = None,
         chamber_link: Path | None = None,
     ):
-        self.device, self.port, self._config = device, VirtualPort(link), device.config
+        self.device, self.port, self.faults = device, VirtualPort(link), device.config.faults
         self._chamber = None if chamber_link is None else ChamberPort(device.climate, chamber_link)
-        self._speed, self._operator, self._ledger = speed, operator, ledger
-        self._random = np.random.default_rng([self._config.noise.seed, 2])
-        self._unplugs = sorted(self._config.faults.unplug_at_s)
-        self._restarts = sorted(self._config.faults.restart_at_s)
+        self._speed, self._operator, self._ledger = speed, operator or (lambda device: True), ledger
+        self._random = np.random.default_rng([device.config.noise.seed, 2])
+        self._unplugs = sorted(self.faults.unplug_at_s)
         self._replug_s = self._held_until_s = 0.0
         self._held = b""
 
-    def run(self, seconds: float | None = None) -> None:
+    def run(self, seconds: float = math.inf) -> None:
         """Run for this many seconds of device time, or until the operator ends it."""
         ledger, rate_hz, start = self.device.ledger, self.device.rate_hz, time.monotonic()
         next_note = start + 1.0
         try:
-            while seconds is None or self.device.time_s < seconds:
+            while self.device.time_s < seconds:
                 due = int((time.monotonic() - start) * self._speed * rate_hz) - ledger.generated
                 # A late computer sends in pieces, as the device would have done meanwhile.
                 count = min(due, math.ceil(_LONGEST_STEP_S * rate_hz))
-                ledger.latest_ms = max(ledger.latest_ms, 1e3 * due / rate_hz / self._speed)
                 ledger.behind_s = (due - count) / rate_hz
                 ledger.longest_behind_s = max(ledger.longest_behind_s, ledger.behind_s)
                 self.step(count)
-                if self._operator is not None and not self._operator(self.device):
+                if not self._operator(self.device):
                     break
                 if time.monotonic() > next_note:
                     self._note()
@@ -112,35 +110,25 @@ class VirtualInstrument:
     def step(self, n: int) -> None:
         """Let the device make `n` samples and send them, with the faults in between."""
         device, now_s = self.device, self.device.time_s
-        if self._restarts and now_s >= self._restarts[0]:
-            self._restarts.pop(0)
-            device.restart()
-        if self._unplugs and now_s >= self._unplugs[0] and self.port.plugged:
-            self._unplugs.pop(0)
-            self.port.unplug()
-            self._held, self._replug_s = b"", now_s + self._config.faults.unplug_for_s
-        elif not self.port.plugged and now_s >= self._replug_s:
+        if not self.port.plugged and now_s >= self._replug_s:
             self.port.plug()
+        elif self._unplugs and now_s >= self._unplugs[0]:
+            self._replug_s = self._unplugs.pop(0) + self.faults.unplug_for_s
+            self.port.unplug()
+            self._held = b""
         device.plugged = self.port.plugged
         if self._chamber is not None:
             self._chamber.serve()
-        if self.port.plugged:
+        if device.plugged:
             device.command(self.port.read())
-        data = device.advance(n)
-        if self.port.plugged and (overrun := self.port.write(self._stalled(data, n))):
-            device.ledger.overrun += overrun // _FRAME_BYTES + 1
-
-    def _stalled(self, data: bytes, n: int) -> bytes:
-        """Delay the bytes occasionally and send them late: nothing is lost."""
-        faults, now_s = self._config.faults, self.device.time_s
-        self._held += data
-        if now_s < self._held_until_s:
-            return b""
-        if faults.stalls_per_s and self._random.random() < faults.stalls_per_s * n / self.device.rate_hz:
-            self._held_until_s = now_s + self._random.uniform(_SHORTEST_STALL_S, faults.stall_longest_s)
-            self.device.ledger.stalls += 1
-        data, self._held = self._held, b""
-        return data
+        self._held += device.advance(n)
+        # A stall delays the bytes: nothing is lost.
+        if self._random.random() < self.faults.stalls_per_s * n / device.rate_hz:
+            self._held_until_s = now_s + self._random.uniform(*_STALLS_S)
+            device.ledger.stalls += 1
+        if device.plugged and now_s >= self._held_until_s:
+            overrun, self._held = self.port.write(self._held), b""
+            device.ledger.overrun += math.ceil(overrun / _FRAME_BYTES)
 
     def _note(self) -> None:
         if self._ledger is not None:

@@ -27,35 +27,28 @@ class Typist:
 
     def __call__(self, device: VirtualDevice) -> bool:
         """Execute the commands typed since the last call; False to end."""
-        if not select.select([sys.stdin], [], [], 0)[0]:
-            return True
-        data = b""
-        with contextlib.suppress(OSError):  # the terminal is closed
-            data = os.read(sys.stdin.fileno(), 4096)
-        *lines, self._text = (self._text + data.decode(errors="replace")).split("\n")
-        for line in lines:
-            now_s, said = device.time_s, ""
+        if select.select([sys.stdin], [], [], 0)[0]:
+            with contextlib.suppress(OSError):  # the terminal is closed
+                self._text += os.read(sys.stdin.fileno(), 4096).decode(errors="replace")
+        *lines, self._text = self._text.split("\n")
+        for words in filter(None, map(str.split, lines)):
             try:
-                match line.split():
-                    case []:
-                        pass
+                match words:
                     case ["quit" | "q"]:
                         return False
                     case ["knock"]:
-                        device.head.knock(now_s)
+                        device.head.knock(device.time_s)
                     case ["restart"]:
                         device.restart()
                     case ["chamber", degc]:
                         device.climate.set_temperature(float(degc))
-                        said = f"chamber set to {device.climate.set_point_degc:g} degC"
-                    case words:
+                        print(f"chamber set to {device.climate.set_point_degc:g} degC", flush=True)
+                    case _:
                         alpha, beta = map(float, words)
-                        device.head.turn(alpha, beta, now_s)
-                        said = f"turning to alpha {alpha:g}, beta {beta:g}"
+                        device.head.turn(alpha, beta, device.time_s)
+                        print(f"turning to alpha {alpha:g}, beta {beta:g}", flush=True)
             except ValueError:
-                said = "type ALPHA BETA (degrees), chamber DEGC, knock, restart or quit"
-            if said:
-                print(said, flush=True)
+                print("type ALPHA BETA (degrees), chamber DEGC, knock, restart or quit", flush=True)
         return True
 
 

@@ -114,14 +114,10 @@ def meet(stream: LiveStream, plan: CapturePlan, state: RunState, pause: Pause = 
 
 
 def _why_no_samples(stream: LiveStream, plan: CapturePlan) -> str:
-    port, received = f"port {plan.port.url} at {stream.recording.baud} baud", stream.tally.bytes
-    if received == 0:
-        return (
-            f"{port}: no data in {_FIRST_DATA_S:g} s: check power and cable, and whether the device waits for a command"
-        )
+    received, words = stream.tally.bytes, described(stream.recent, plan.port.protocol)
     if received < _FEWEST_BYTES:
-        return f"{port}: only {received} bytes in {_FIRST_DATA_S:g} s: wrong baud rate, or a very low sample rate of the device"
-    return f"{port}: {described(stream.recent, plan.port.protocol)}"
+        words = f"{received or 'no'} bytes in {_FIRST_DATA_S:g} s: check power, cable and baud rate (or does it wait?)"
+    return f"port {plan.port.url} at {stream.recording.baud} baud: {words}"
 
 
 def _rate_of(stream: LiveStream, speed: float, pause: Pause) -> float:

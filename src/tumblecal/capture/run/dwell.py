@@ -54,11 +54,6 @@ class Dwell:
         use = (samples.status == 0) & np.isfinite(samples.force).all(1)
         return samples.force[use] * self.to_local_g
 
-    @property
-    def log_range(self) -> tuple[int, int]:
-        """The records of the raw log with this attempt."""
-        return int(self.parts[0].log_start[0]), int(self.parts[-1].log_stop[-1])
-
     def paused_lately(self, seconds: float) -> bool:
         """Whether nothing arrived for a while near the end, so that later samples must show the loss."""
         stamps = np.concatenate([p.host_s for p in self.parts])
@@ -77,7 +72,7 @@ class Dwell:
         if losses.lost > limits.lost_fraction * self.needed:
             sent = self.good + self.flagged + losses.lost
             return (
-                f"{losses.lost} of {sent} samples lost ({100 * losses.lost / sent:.1f} %) in {counted(len(losses.gaps), 'gap')}; "
+                f"{losses.lost} of {sent} samples lost ({100 * losses.lost / sent:.1f} %), {counted(len(losses.gaps), 'gap')}; "
                 f"limits.lost_fraction allows {100 * limits.lost_fraction:g} %"
             )
         if self.flagged > limits.flagged_fraction * self.needed:

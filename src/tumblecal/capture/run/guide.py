@@ -311,7 +311,7 @@ class Guide:
             raise _Again(position, why)
         # First the bytes, then the entry.
         recording.sync()
-        start, stop = dwell.log_range
+        start, stop = int(dwell.parts[0].log_start[0]), int(dwell.parts[-1].log_stop[-1])
         self._journal.write(
             "accepted",
             position=position,

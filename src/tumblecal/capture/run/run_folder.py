@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.journal import PLAN_NAME, Journal, RunState, read_journal, sha256_of
+from tumblecal.capture.journal import PLAN_NAME, Journal, RunState, read_journal, replayed, sha256_of
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols import protocol
 from tumblecal.ground.atomic import writable_folder, written_aside
@@ -90,13 +90,8 @@ def resume(folder: Path, port: str | None = None) -> RunFolder:
 
     **Raises:** `InputError` if there is none, another process has locked it, or its plan was changed.
     """
-    read_journal(folder)
-    journal = Journal(folder)
-    try:
-        return RunFolder(folder, _with_port(plan_of_run(folder, journal.state), port), journal)
-    except BaseException:
-        journal.close()
-        raise
+    plan = plan_of_run(folder, replayed(read_journal(folder)))
+    return RunFolder(folder, _with_port(plan, port), Journal(folder))
 
 
 def plan_of_run(folder: Path, state: RunState) -> CapturePlan:

@@ -51,49 +51,21 @@ _GLYPHS = {
 }
 
 
-class Keyboard:
-    """Keys pressed since the last call.
-
-    On a terminal each key is read separately; from a pipe, each character is a key.
-    """
-
-    def __init__(self) -> None:
-        self._saved: list | None = None
-        self._open = True
-
-    def __enter__(self) -> "Keyboard":
-        if sys.stdin.isatty():
-            with contextlib.suppress(termios.error):
-                self._saved = termios.tcgetattr(sys.stdin.fileno())
-                tty.setcbreak(sys.stdin.fileno())
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._saved is not None:
-            with contextlib.suppress(termios.error):  # the terminal may be closed
-                termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
-
-    def pressed(self) -> str:
-        """The keys pressed since the last call, in order."""
-        keys = ""
-        while self._open and select.select([sys.stdin], [], [], 0)[0]:
-            data = b""
-            with contextlib.suppress(OSError):  # the terminal is closed
-                data = os.read(sys.stdin.fileno(), 1024)
-            self._open = bool(data)
-            keys += data.decode(errors="replace")
-        return keys
-
-
 class Screen:
-    """Shows the guide: redrawn in place on a terminal, otherwise one line for each change."""
+    """Shows the guide, redrawn in place on a terminal, otherwise one line for each change; and reads keys, from a terminal each
+    one separately, from a pipe each character."""
 
     def __init__(self, plain: bool = False):
         self._console, self._last = Console(highlight=False), ""
         shown = not plain and self._console.is_terminal
         self._live = Live(console=self._console, screen=True, auto_refresh=False) if shown else None
+        self._saved: list | None = None
+        self._open = True
 
     def __enter__(self) -> "Screen":
+        with contextlib.suppress(termios.error):  # no terminal
+            self._saved = termios.tcgetattr(sys.stdin.fileno())
+            tty.setcbreak(sys.stdin.fileno())
         if self._live is not None:
             self._live.__enter__()
         return self
@@ -102,6 +74,9 @@ class Screen:
         if self._live is not None:
             with self._terminal_may_be_gone():
                 self._live.__exit__(None, None, None)
+        if self._saved is not None:
+            with contextlib.suppress(termios.error):  # the terminal may be closed
+                termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
 
     def show(self, guide: Guide) -> None:
         """Show the present state."""
@@ -116,8 +91,18 @@ class Screen:
     def bell(self) -> None:
         """Ring."""
         with self._terminal_may_be_gone():
-            sys.stdout.write("\a")
-            sys.stdout.flush()
+            print(end="\a", flush=True)
+
+    def pressed(self) -> str:
+        """The keys pressed since the last call, in order."""
+        keys = ""
+        while self._open and select.select([sys.stdin], [], [], 0)[0]:
+            data = b""
+            with contextlib.suppress(OSError):  # the terminal is closed
+                data = os.read(sys.stdin.fileno(), 1024)
+            self._open = bool(data)
+            keys += data.decode(errors="replace")
+        return keys
 
     @contextmanager
     def _terminal_may_be_gone(self) -> Iterator[None]:

@@ -15,7 +15,7 @@ from tumblecal.capture.run.contact import Pause, await_port, meet
 from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.run_folder import RunFolder
-from tumblecal.capture.run.screen import Keyboard, Screen
+from tumblecal.capture.run.screen import Screen
 from tumblecal.capture.run.stop_signals import Stopped, StopSignals
 from tumblecal.ground.errors import InputError
 
@@ -74,14 +74,9 @@ def capture(
                     chamber = chamber or (TextChamber(plan.chamber) if plan.chamber.url else None)
                 soak = Soak(plan, journal, rate_hz, chamber)
                 try:
-                    with Screen(plain) as screen, Keyboard() as keyboard:
-                        _walk(
-                            run,
-                            Guide(run, stream, rate_hz, identity, soak, screen.bell),
-                            screen,
-                            keyboard,
-                            signals.pause,
-                        )
+                    with Screen(plain) as screen:
+                        guide = Guide(run, stream, rate_hz, identity, soak, screen.bell)
+                        _walk(run, guide, screen, signals.pause)
                 finally:
                     soak.close(finished=run.complete)
         finally:
@@ -129,14 +124,14 @@ def _met(run: RunFolder, stream: LiveStream, identity: Identity, pause: Pause, t
     return device.rate_hz
 
 
-def _walk(run: RunFolder, guide: Guide, screen: Screen, keyboard: Keyboard, pause: Pause) -> None:
+def _walk(run: RunFolder, guide: Guide, screen: Screen, pause: Pause) -> None:
     """Feed the guide until it has finished."""
     fast, looks = run.plan.port.speed > 1, 0
     try:
         while guide.phase != Phase.FINISHED:
             run.journal.check()
             guide.take(guide.stream.poll())
-            for key in keyboard.pressed():
+            for key in screen.pressed():
                 guide.press(key)
             looks += 1
             if looks % _LOOKS_A_DRAWING == 0 or fast:
