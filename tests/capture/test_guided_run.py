@@ -50,8 +50,7 @@ DISTURBED = """
 [faults]
 unplug_at_s = [75.0, 180.0]
 unplug_for_s = 4.0
-bit_flips_per_s = 0.05
-lost_bytes_per_s = 0.05
+missing_frames_per_s = 0.1
 [[mistake]]
 at = 3
 alpha_offset_deg = 90.0
@@ -122,8 +121,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small finished capture, with a redo, a skip and a repeat by keys."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "plan.toml").write_text(ONE)
-    faults = "[faults]\nexchanged_frames_per_s = 4.0\nrepeated_frames_per_s = 2.0\n"
-    with Emulator(folder, f"[noise]\nseed = 3\n{faults}") as emulator:
+    with Emulator(folder, "[noise]\nseed = 3\n") as emulator:
         capture = CaptureProcess(folder, "plan.toml", "--out", "run", "--plain")
         done: set[str] = set()
         turned = ""

@@ -90,6 +90,8 @@ class TextChamber:
                 for command in self._table.start:
                     self._send(self._port, command)
             yield self._port
+        except InputError as error:
+            raise InputError(f"chamber: {error}") from error
         except OSError as error:
             self.close()
             raise InputError(

@@ -211,7 +211,7 @@ class Guide:
             self._bell()
             following = self.state.open_after(position, self.plan.soaks)
             position = following if again.position is None else again.position
-        self.phase = Phase.FINISHED
+        self.phase, self.rejected = Phase.FINISHED, ""
         self._journal.write("finished", tally=self.stream.tally.as_dict())
 
     def _measure(self, position: int) -> _Wait:
