@@ -9,7 +9,8 @@ import numpy as np
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.chamber.soak import Soak
 from tumblecal.capture.decoding.samples import Event, blank
-from tumblecal.capture.journal import Journal
+from tumblecal.capture.journal import JOURNAL_NAME, Journal
+from tumblecal.capture.log import read_log
 from tumblecal.capture.port.live import Arrived, Tally
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.run.guide import Guide, Phase
@@ -26,7 +27,8 @@ class HandFed:
         self.plan = CapturePlan.model_validate({"dwell": dwell, "chamber": table} | plan)
         recording = SimpleNamespace(position=0, sync=lambda: None, log=folder / "journal.log")
         stream = SimpleNamespace(recording=recording, tally=Tally(status=Counter()), protocol=protocol(name))
-        self.journal, self.rng, self.turned, self.now_s = Journal(folder), np.random.default_rng(0), 1.0, 1000.0
+        self.folder, self.journal = folder, Journal(folder)
+        self.rng, self.turned, self.now_s = np.random.default_rng(0), 1.0, 1000.0
         identity = Identity(self.journal, lambda query: None, (), trust=False)
         self.soak = Soak(self.plan, self.journal, rate_hz, chamber)
         self.guide = Guide(RunFolder(folder, self.plan, self.journal), stream, rate_hz, identity, self.soak)  # type: ignore[arg-type]
@@ -49,4 +51,5 @@ class HandFed:
         raise AssertionError(line_of(self.guide))
 
     def entries(self, *kinds: str) -> list[dict]:
-        return [entry for entry in self.journal.entries() if entry["entry"] in kinds]
+        entries = [record.content() for record in read_log(self.folder / JOURNAL_NAME)]
+        return [entry for entry in entries if entry["entry"] in kinds]

@@ -18,7 +18,7 @@ from tumblecal.capture.capture_plan import CapturePlan, ChamberTable, SoakTable
 from tumblecal.capture.chamber import soak
 from tumblecal.capture.chamber.chamber import TextChamber
 from tumblecal.capture.chamber.soak import Stability
-from tumblecal.capture.journal import RunState, replayed
+from tumblecal.capture.journal import RunState
 from tumblecal.capture.run.guide import Phase
 from tumblecal.capture.run.screen import header_of, line_of, note_of
 from tumblecal.cli.capture import ChamberOptions
@@ -206,7 +206,7 @@ def test_without_a_thermometer_in_the_instrument_the_operator_decides(tmp_path, 
     assert "press Enter when it is stable" in fed.guide.alarm
     # Postponed, and then requested again as the only soak that is left.
     fed.guide.press("s")
-    assert replayed(fed.journal.entries()).postponed == {1} and fed.guide.phase == Phase.SOAK
+    assert fed.state.postponed == {1} and fed.guide.phase == Phase.SOAK
     fed.guide.press("\n")
     fed.feed()
     assert fed.guide.phase == Phase.TURN

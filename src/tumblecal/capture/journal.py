@@ -162,10 +162,14 @@ def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict[str
         raise InputError(
             f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture (`tumblecal capture PLAN --out DIR`)"
         )
-    entries = [record.content() for record in read_log(path, faults=faults) if record.kind == RecordKind.JOURNAL]
+    entries = _entries(path, faults)
     if not entries or entries[0]["entry"] != "session":
         raise InputError(f"{path}: contains no capture; it may have been ended before the first entry")
     return entries
+
+
+def _entries(path: Path, faults: list[str] | None) -> list[dict[str, Any]]:
+    return [record.content() for record in read_log(path, faults=faults) if record.kind == RecordKind.JOURNAL]
 
 
 class Journal:
@@ -187,15 +191,10 @@ class Journal:
         self._writer = LogWriter(folder / JOURNAL_NAME)
         self.damage = []
         try:
-            self.state = replayed(self.entries(self.damage))
+            self.state = replayed(_entries(self._writer.path, self.damage))
         except BaseException:
             self.close()
             raise
-
-    def entries(self, faults: list[str] | None = None) -> list[dict[str, Any]]:
-        """All entries; `faults` receives a line for each stretch without an entry."""
-        records = read_log(self._writer.path, faults=faults)
-        return [record.content() for record in records if record.kind == RecordKind.JOURNAL]
 
     def write(self, entry: str, **content: object) -> dict[str, Any]:
         """Add an entry, apply it to the state, and return it with its time.

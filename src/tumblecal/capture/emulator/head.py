@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-_SHAKE_DECAY_S = 0.3
-_FORGOTTEN_S, _STEP_S = 10.0, 1e-3
+_SHAKING_S, _STEP_S = 0.5, 1e-3
 
 
 class DividingHead:
@@ -22,18 +21,18 @@ class DividingHead:
         self._turn_s, self._knock_g = turn_s, knock_g
         self._start_s = -np.inf
         self._before = self._after = np.array([alpha_deg, beta_deg])
-        # Times from which a shaking decays.
-        self._knocks: list[float] = []
+        # Beginning and end of each shaking.
+        self._shaken = list[tuple[float, float]]()
 
     def turn(self, alpha_deg: float, beta_deg: float, now_s: float) -> None:
         """Begin to turn to a position."""
         self._before, self._after = np.array(self.angles(now_s)), np.array([alpha_deg, beta_deg])
         self._start_s = now_s
-        self._knocks.append(now_s + self._turn_s)
+        self._shaken.append((now_s, now_s + self._turn_s + _SHAKING_S))
 
     def knock(self, now_s: float) -> None:
         """Bump against the table."""
-        self._knocks.append(now_s)
+        self._shaken.append((now_s, now_s + _SHAKING_S))
 
     def angles(self, now_s: float) -> tuple[float, float]:
         """Spindle and pitch angle, deg."""
@@ -50,10 +49,8 @@ class DividingHead:
 
     def shaking(self, times_s: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
         """The specific force of the shaking, g, shape (n, 3)."""
-        size = 1.0 * ((times_s >= self._start_s) & (times_s < self._start_s + self._turn_s))
-        for knock in self._knocks:
-            size += np.where(times_s >= knock, np.exp(-np.maximum(times_s - knock, 0) / _SHAKE_DECAY_S), 0.0)
-        self._knocks = [knock for knock in self._knocks if times_s[-1] - knock < _FORGOTTEN_S]
-        if not size.any():
-            return np.zeros((len(times_s), 3))
-        return random.normal(size=(len(times_s), 3)) * self._knock_g * size[:, None]
+        self._shaken = [(start_s, stop_s) for start_s, stop_s in self._shaken if stop_s > times_s[0]]
+        shaken = np.zeros(len(times_s), bool)
+        for start_s, stop_s in self._shaken:
+            shaken |= (times_s >= start_s) & (times_s < stop_s)
+        return random.normal(size=(len(times_s), 3)) * (self._knock_g * shaken)[:, None]

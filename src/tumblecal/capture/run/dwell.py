@@ -103,11 +103,9 @@ class Dwell:
         found, force = self.blocks.stationarity(), np.concatenate([self._good(p.samples) for p in self.parts])
         degc = np.concatenate([p.samples.temperature for p in self.parts])
         degc = degc[np.isfinite(degc)]
-        sd = force.std(0, ddof=1) if len(force) > 1 else np.full(3, np.nan)
         return {
             "mean_g": force.mean(0).tolist(),
-            "sd_g": sd.tolist(),
-            "sd_of_mean_g": (np.sqrt(self.blocks.mean_variance()) if len(self.blocks.mean_g) else sd).tolist(),
+            "sd_g": force.std(0, ddof=min(1, len(force) - 1)).tolist(),
             "n": self.good,
             "flagged": self.flagged,
             "lost": losses.lost,

@@ -70,8 +70,8 @@ class Guide:
     - `bell`: sounds the bell.
 
     `phase`, `position`: the present step. `dwell`: the attempt in progress; None for none. `settled_s`: time at rest so far.
-    `must_move`: whether a turn must be observed. `drift_g`: of the dwell, per axis. `rejected`: why the last attempt at this
-    position was rejected; empty if none was.
+    `must_move`: whether a turn must be observed. `rejected`: why the last attempt at this position was rejected; empty if none
+    was.
     """
 
     def __init__(
@@ -90,7 +90,6 @@ class Guide:
         self.watch = HeadWatch(rate_hz, self._to_local_g)
         self.phase, self.position, self.settled_s = Phase.TURN, 0, 0.0
         self.dwell: Dwell | None = None
-        self.drift_g = np.full(3, np.nan)
         self._previous: int | None = None
         self._forced = self.must_move = False
         self._line_alarm = self._position_alarm = self.rejected = ""
@@ -290,7 +289,7 @@ class Guide:
         needed = max(1, round(self.plan.dwell.seconds * self.rate_hz))
         self._journal.write("recording", position=position, attempt=number, log_position=recording.position)
         dwell = Dwell(number, needed, Blocks(self.rate_hz), self._to_local_g, self._newest)
-        self.dwell, self.phase, self.drift_g = dwell, Phase.RECORDING, np.full(3, np.nan)
+        self.dwell, self.phase = dwell, Phase.RECORDING
         while dwell.good < needed:
             part, fresh = yield
             dwell.take(part)
@@ -333,8 +332,7 @@ class Guide:
             why = "the head moved while recording"
             self._reject(why)
             raise _Again(self.position, why)
-        found = dwell.blocks.stationarity(_JUDGED_BLOCKS)
-        self.drift_g, text = found.drift_g, dwell.warning(found, self.plan.limits)
+        text = dwell.warning(dwell.blocks.stationarity(_JUDGED_BLOCKS), self.plan.limits)
         if text and text.split(":")[0] != self._position_alarm.split(":")[0]:
             self._warn(text, attempt=dwell.number)
         self._position_alarm = text

@@ -9,11 +9,7 @@ from tumblecal.capture.port.live import Arrived
 
 
 _TURNING_DPS = 2.0
-_KNOCK_Z, _SHAKEN = 5.0, 2.0
-_CUSUM_SLACK, _CUSUM_LIMIT = 0.5, 12.0
-_BASELINE_BLOCKS = 10
-# Number of stretches of a dwell whose means show its slow noise.
-_STRETCHES = 6
+_KNOCK_Z, _SHAKEN, _CREEP_U = 5.0, 2.0, 5.0
 _ARCSEC_PER_RAD = 180 / np.pi * 3600
 
 
@@ -22,7 +18,7 @@ class Stationarity(NamedTuple):
 
     **Arguments:**
 
-    - `knocks`: blocks that are outliers from the baseline. `creep`: blocks from which on the CUSUM shows a moved mean.
+    - `knocks`: blocks that are outliers from the baseline. `creep`: the last block, if the drift is significant.
     - `drift_g`: end minus beginning of a straight line through the block means, per axis.
     - `tilt_arcsec`: the tilt that would cause that drift (by the axes that are sensitive to it).
     """
@@ -86,27 +82,12 @@ class Blocks:
         scatter = 1.4826 * np.median(np.abs(np.diff(means, axis=0)), axis=0) / np.sqrt(2)
         scale = np.maximum(np.maximum(scatter, quiet / np.sqrt(self.size)), 1e-9)
         outlier = (np.abs(means - centre) > _KNOCK_Z * scale) | (noise > _SHAKEN * quiet)
-        # A two-sided CUSUM of each axis, which restarts at its limit.
-        creep, sums = list[int](), np.zeros((2, 3))
-        z = (means - np.median(means[: max(_BASELINE_BLOCKS, n // 3)], axis=0)) / scale
-        for k, row in enumerate(np.clip(z, -4, 4)):
-            sums = np.maximum(sums + np.stack([row, -row]) - _CUSUM_SLACK, 0)
-            if (sums > _CUSUM_LIMIT).any():
-                creep.append(k)
-                sums[:] = 0
         line = np.polyfit(np.arange(n), means, 1)[0] * (n - 1)
+        # Its standard uncertainty for independent blocks is scale sqrt(12/n).
+        creep = [n - 1] if (np.abs(line) > _CREEP_U * scale * np.sqrt(12 / n)).any() else []
         across = line - line @ centre / max(centre @ centre, 1e-9) * centre
         tilt_arcsec = float(np.linalg.norm(across) * _ARCSEC_PER_RAD)
         return Stationarity(np.flatnonzero(outlier.any(1)).tolist(), creep, line, tilt_arcsec)
-
-    def mean_variance(self) -> NDArray[np.float64]:
-        """Variance of a dwell's mean per axis: from its white noise, and from the slow noise between stretches of it, which
-        averaging over one dwell does not reduce."""
-        white, n, count = np.mean(self.sd_g**2, axis=0), self.size * len(self.mean_g), min(_STRETCHES, len(self.mean_g))
-        if count < 2:
-            return white / n
-        stretches = np.array([part.mean(0) for part in np.array_split(self.mean_g, count)])
-        return white / n + np.maximum(stretches.var(0, ddof=1) - white * count / n, 0.0)
 
 
 class HeadWatch(Blocks):

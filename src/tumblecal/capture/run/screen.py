@@ -199,9 +199,10 @@ def _axes(guide: Guide) -> Table:
         table.add_column(name, justify="right")
     blocks = guide.watch if guide.dwell is None else guide.dwell.blocks
     if len(blocks.mean_g):
-        mean, sd, expected = blocks.mean_g.mean(0), blocks.sd_g.mean(0), guide.plan.expected(guide.position)
-        for axis, cells in zip(AXES, np.transpose([mean, expected, mean - expected, sd, guide.drift_g]), strict=True):
-            table.add_row(axis, *(f"{1e3 * cell:+.3f}" if np.isfinite(cell) else "-" for cell in cells))
+        mean, expected = blocks.mean_g.mean(0), guide.plan.expected(guide.position)
+        columns = [mean, expected, mean - expected, blocks.sd_g.mean(0), blocks.stationarity().drift_g]
+        for axis, cells in zip(AXES, np.transpose(columns), strict=True):
+            table.add_row(axis, *(f"{1e3 * cell:+.3f}" for cell in cells))
     return table
 
 
