@@ -56,34 +56,16 @@ class VirtualChamberTable(Strict):
     highest_degc: Celsius = 180.0
 
 
-_Coefficients = Annotated[list[Number], Field(max_length=9, default_factory=list)]
-
-
-class AxisPolynomials(Strict):
-    """Coefficients of T - reference, (T - reference)^2, ... for each axis."""
-
-    x: _Coefficients
-    y: _Coefficients
-    z: _Coefficients
-
-
 class ThermalTable(Strict):
-    """Temperature of the die and of the thermometer in the instrument, and the errors that follow the die.
+    """Temperature of the die and of the thermometer in the instrument; effects of the temperature follow the die.
 
-    Lags are of the die behind the air and of the thermometer behind the die. `bias_mg` is in mg/degC, mg/degC^2, ...;
-    `scale_mg_per_g` in (mg/g)/degC, ...; `hysteresis_mg`: half of the distance of rising and falling branch, which is complete
-    after a change of direction by `hysteresis_degc`.
+    Lags are of the die behind the air and of the thermometer behind the die.
     """
 
-    reference_degc: Celsius = 25.0
     die_lag_s: NotNegative = 0.0
     thermometer_lag_s: NotNegative = 0.0
     self_heating_degc: Number = 0.0
     thermometer_noise_degc: NotNegative = 0.0
-    bias_mg: AxisPolynomials = AxisPolynomials.model_validate({})
-    scale_mg_per_g: AxisPolynomials = AxisPolynomials.model_validate({})
-    hysteresis_mg: Annotated[list[Number], Field(min_length=3, max_length=3)] = Field(default=[0.0] * 3)
-    hysteresis_degc: Positive = 10.0
 
 
 class Head(Strict):

@@ -131,8 +131,7 @@ class VirtualDevice:
         times = number / self.rate_hz
         middle, samples = float(times[n // 2]), blank(n)
         self.climate.advance(n / self.rate_hz)
-        samples.force[:] = self.climate.applied(self._at_rest(middle))
-        samples.force[:] *= config.site.gravity.value_ms2 / STANDARD_GRAVITY_MS2
+        samples.force[:] = self._at_rest(middle) * (config.site.gravity.value_ms2 / STANDARD_GRAVITY_MS2)
         samples.force[:] += self._noise.take(n) + self.head.shaking(times, random)
         samples.rate[:] = random.normal(size=(n, 3)) * config.noise.gyro_sd_dps + self.head.rates(middle)
         thermometer_noise = config.temperature.thermometer_noise_degc * random.normal(size=n)
