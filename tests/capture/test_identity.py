@@ -54,7 +54,7 @@ def test_an_instrument_that_does_not_answer_is_confirmed_and_another_one_stops_t
     with Emulator(tmp_path, emulator("N25581846020020", answers=False), follow="run"):
         # On a slow machine the line may be interrupted more than once.
         for number in range(9):
-            capture.wait_for(lambda: kinds().count("identity_not_confirmed") > number or kinds().count("accepted") == 2)
+            capture.wait_for(lambda n=number: kinds().count("identity_not_confirmed") > n or kinds().count("accepted") == 2)
             if kinds().count("accepted") == 2:
                 break
             assert kinds().count("accepted") == 1
