@@ -35,7 +35,7 @@ class OperatorOptions:
     yes
         With --resume: confirmation that the instrument has not been remounted. Example: --resume run1 --yes.
     trust_instrument
-        With --resume: no comparison at a finished position for an instrument without a serial number. Example:
+        With --resume: confirmation that an instrument that does not state its serial number is the same one. Example:
         --resume run1 --trust-instrument.
     """
 
