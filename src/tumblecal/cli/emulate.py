@@ -154,7 +154,8 @@ def exact_truth(
         run=plan.runs,
         mount=plan.mounts,
         time_s=np.zeros(count),
-        temperature_degc=np.full(count, 25.0),
+        # Effects of the temperature need several soaks.
+        temperature_degc=np.resize(np.linspace(0.0, 50.0, 6), count),
         approach=np.ones(count),
     )
     where = with_visits(where, {leaf.by for leaf in rig.leaves.values()})
