@@ -81,26 +81,3 @@ def test_the_own_terminal_is_no_instrument(tmp_path: Path) -> None:
     (tmp_path / "imu").symlink_to(capture.terminal)
     assert capture.close() == 2
     assert b"this is the terminal of python" in capture.raw
-
-
-def test_the_follower_takes_up_a_new_journal(tmp_path: Path) -> None:
-    from tumblecal.capture.emulator.config import Emulation
-    from tumblecal.capture.emulator.device import VirtualDevice
-    from tumblecal.capture.emulator.operator import Follower
-    from tumblecal.capture.journal import Journal
-
-    config = Emulation.model_validate({"head": {"reaction_s": 0.0, "turn_s": 0.01}})
-    device, follower = VirtualDevice(config), Follower(tmp_path / "run", config)
-    for alpha in (30.0, 60.0):
-        (tmp_path / "run").mkdir()
-        journal = Journal(tmp_path / "run")
-        journal.write("session")
-        journal.write("prompted", alpha_deg=alpha, beta_deg=0.0)
-        assert follower(device)
-        device.advance(100)
-        assert device.head.angles(device.time_s) == (alpha, 0.0)
-        (tmp_path / "run" / JOURNAL_NAME).unlink()
-        (tmp_path / "run").rmdir()
-        journal.close()
-    assert follower._reader is not None
-    follower._reader.close()

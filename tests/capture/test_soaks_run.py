@@ -55,7 +55,7 @@ thermometer_lag_s = 1.0
 def test_a_run_over_soaks_is_interrupted_resumed_and_reduced(tmp_path: Path) -> None:
     """The chamber does not accept 40 degC: two positions are stored, and the run goes on with a chamber that does."""
     (tmp_path / "plan.toml").write_text(PLAN)
-    run, words = tmp_path / "run", ("--plain")
+    run, words = tmp_path / "run", ("--plain",)
     with Emulator(tmp_path, EMULATOR.replace("HIGHEST", "35.0"), follow="run", chamber="oven"):
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", *words)
         assert capture.close() == 2, capture.seen[-20:]

@@ -117,6 +117,10 @@ class Follower:
         with contextlib.suppress(OSError):
             if self._reader is None or not os.path.samestat(os.stat(self._path), self._reader.stat()):
                 fresh = LogReader(self._path)
-                if self._reader is not None:
-                    self._reader.close()
+                self.close()
                 self._reader = fresh
+
+    def close(self) -> None:
+        """Close the journal."""
+        if self._reader is not None:
+            self._reader.close()

@@ -158,7 +158,7 @@ def line_of(guide: Guide) -> str:
     target = f"alpha {step.alpha_deg:g} beta {step.beta_deg:g}"
     if guide.phase == Phase.SOAK:
         target = f"set the chamber to {guide.soak.wanted_degc:g} degC"
-    words = [f"{header_of(guide)}: {target}", f"{25 * int(4 * part)} %" if counted else "", guide.alarm]
+    words = [f"{header_of(guide)}: {target}", f"{25 * int(4 * min(part, 1.0))} %" if counted else "", guide.alarm]
     words.append(f"[{guide.rejected}]" if guide.rejected and guide.rejected not in guide.alarm else "")
     words.append(f"({guide.identity.text})" if guide.identity.text else "")
     return " ".join(filter(None, words))
