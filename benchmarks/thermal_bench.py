@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermal_instrument import Programme, Unit, attitudes, instrument, means, readings, soak_means, truth
+from thermal_tables import table_of
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.precision import enable_float64
-from tumblecal.recordings.thermal.thermal_table import table_of
 from tumblecal.thermal.choice import Stated
 from tumblecal.thermal.result import ThermalResult, thermal_calibration
 

@@ -6,10 +6,9 @@ import pytest
 from recordings_made import made
 
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.dwells.axis_checks import require_axes_answer
 from tumblecal.recordings.options import KnownContext
-from tumblecal.recordings.reduction.axis_checks import require_axes_answer
-from tumblecal.recordings.reduction.reduce_recording import means_of, reduce_recording
-from tumblecal.recordings.reduction.reduce_table import reduce_table
+from tumblecal.recordings.reduce import reduced
 
 
 SIX = np.array([[0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0], [1, 0, 0], [-1, 0, 0]], float)
@@ -89,8 +88,8 @@ def test_a_dead_axis_is_refused_on_every_way_to_means(tmp_path, way):
     with pytest.raises(InputError, match=r"s.parquet: axis y does not respond: the same reading in all attitudes \(13"):
         match way:
             case "means":
-                means_of(path, KnownContext(means=True))
+                reduced([path], KnownContext(means=True))
             case "by":
-                reduce_table(path)
+                reduced([path])
             case _:
-                reduce_recording(path, KnownContext(static=True))
+                reduced([path], KnownContext(static=True))

@@ -137,7 +137,7 @@ def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
 
 def test_capture_needs_no_jax() -> None:
     code = (
-        "import sys, tumblecal.capture.run.session, tumblecal.recordings.reduction.reduce, "
+        "import sys, tumblecal.capture.run.session, tumblecal.recordings.reduce, "
         "tumblecal.capture.emulator.instrument, "
         "tumblecal.cli.capture, tumblecal.cli.decode\n"
         "assert not {'jax', 'equinox', 'matplotlib'} & set(sys.modules)"

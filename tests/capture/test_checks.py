@@ -7,7 +7,7 @@ from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.position_check import NOT_TURNED, WRONG_POSITION, judge
 from tumblecal.capture.run.rest import Blocks, Stationarity
 from tumblecal.ground.gravity import normal_gravity
-from tumblecal.recordings.reduction.dwell_checks import check_dwell
+from tumblecal.recordings.dwells.dwell_checks import check_dwell
 
 
 RATE, N = 125.0, 30_000

@@ -14,8 +14,8 @@ from tumblecal.data import read_positions
 from tumblecal.estimation import exact
 from tumblecal.estimation.position_problem import problem_of
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.reduction.reduce import reduce
-from tumblecal.recordings.reduction.reduction import write_reduction
+from tumblecal.recordings.reduce import reduced
+from tumblecal.recordings.reduction import write_reduction
 
 
 PLAN = """
@@ -94,7 +94,7 @@ def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
     assert max(e["tally"].get("reopened", 0) for e in entries if "tally" in e) >= 1
 
     for name in ("quiet", "rough"):
-        write_reduction(reduce(tmp_path / name), tmp_path / name)
+        write_reduction(reduced([tmp_path / name]), tmp_path / name)
     quiet, quiet_sd = parameters(tmp_path / "quiet")
     rough, rough_sd = parameters(tmp_path / "rough")
     z = (rough - quiet) / np.hypot(quiet_sd, rough_sd)
@@ -162,7 +162,7 @@ def test_keys_leave_every_attempt_in_the_journal(finished: Path) -> None:
 
 
 def test_reduction_of_a_run(finished: Path) -> None:
-    paths = write_reduction(reduce(finished), finished)
+    paths = write_reduction(reduced([finished]), finished)
     data = read_positions(paths[0])
     np.testing.assert_allclose(data.readings, [[0, 0, 1], [0, 1, 0], [0, 0, -1]], atol=4e-4)
     assert data.sd is not None and (data.sd > 0).all()
@@ -178,7 +178,7 @@ def test_changed_raw_data_are_refused(finished: Path, tmp_path: Path) -> None:
     raw[(attempt.log_start + attempt.log_stop) // 2] ^= 1
     (tmp_path / RAW_NAME).write_bytes(raw)
     with pytest.raises(InputError, match="were changed after recording"):
-        reduce(tmp_path)
+        reduced([tmp_path])
 
 
 def test_resume_refuses_a_changed_plan(finished: Path, tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from tumblecal.capture.run.contact import WAITS_S
 from tumblecal.capture.run.identity import Identity
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.reduction.reduce import reduce
-from tumblecal.recordings.reduction.reduction import write_reduction
+from tumblecal.recordings.reduce import reduced
+from tumblecal.recordings.reduction import write_reduction
 
 
 PLAN = """
@@ -72,7 +72,7 @@ def test_an_instrument_that_does_not_answer_is_confirmed_and_another_one_stops_t
         assert capture.close() == 0, capture.seen[-9:]
     serials = [attempt.serial_number for _, attempt in sorted(replayed(read_journal(run)).accepted.items())]
     assert serials == ["N25581846020020", None, None, None]
-    reduction = reduce(run)
+    reduction = reduced([run])
     write_reduction(reduction, run)
     comments = read_positions(run / "positions.csv").comments
     assert "serial_number" not in comments and comments["serial_number_not_confirmed"] == "N25581846020020"

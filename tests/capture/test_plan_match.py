@@ -9,9 +9,9 @@ from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.dwells.plan_match import matched
 from tumblecal.recordings.options import KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.plan_match import matched
-from tumblecal.recordings.reduction.reduce_recording import means_of, reduce_recording
+from tumblecal.recordings.reduce import reduced
 
 
 PLAN = """
@@ -108,10 +108,10 @@ def test_surplus_intervals_are_refused_with_their_angle(tmp_path, six):
     directions = np.array([plan.expected(k) for k in (0, 2, 4, 1, 3, 5)])
     s = made(Hand(), 3, np.insert(directions, 3, np.array([1, 1, 1]) / 3**0.5, axis=0))
     pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
-    reduction = reduce_recording(tmp_path / "s.parquet", KnownContext(plan=six))
-    assert reduction.table.data.names == ("x up", "y up", "z up", "x down", "y down", "z down")
-    assert reduction.stillness is not None
-    (refused,) = (one.reason for one in reduction.stillness.intervals if one.reason)
+    reduction = reduced([tmp_path / "s.parquet"], KnownContext(plan=six))
+    assert reduction.data.names == ("x up", "y up", "z up", "x down", "y down", "z down")
+    assert reduction.dwells.stillness is not None
+    (refused,) = (one.reason for one in reduction.dwells.stillness.intervals if one.reason)
     assert refused.startswith("surplus: not a position of the plan, 5")
 
 
@@ -154,14 +154,14 @@ def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
         label[start + 20 : stop - 20] = name
     columns = imu_columns(s) | {"part": label, "session": np.full(len(label), "monday")}
     pl.DataFrame(columns).write_csv(tmp_path / "parts.txt")
-    data = reduce_recording(
-        tmp_path / "parts.txt", KnownContext(plan=six, by="part"), RecordingOptions(columns="run=session")
-    ).table.data
+    data = reduced(
+        [tmp_path / "parts.txt"], KnownContext(plan=six, by="part"), RecordingOptions(columns="run=session")
+    ).data
     assert data.names == tuple(names(plan))
     np.testing.assert_array_equal(data.beta_deg, [-90, 90, 0, 0, 0, 0])
     assert data.run == ("monday",) * 6
     with pytest.raises(InputError, match="none of its position names is in"):
-        reduce_recording(tmp_path / "parts.txt", KnownContext(plan=six, by="session"))
+        reduced([tmp_path / "parts.txt"], KnownContext(plan=six, by="session"))
 
 
 @pytest.mark.parametrize(
@@ -174,5 +174,5 @@ def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
 def test_faults_of_means_name_the_users_file(tmp_path, more, words):
     (tmp_path / "means.csv").write_text("\n".join([*MEANS, *more]))
     with pytest.raises(InputError) as refused:
-        means_of(tmp_path / "means.csv", KnownContext(means=True))
+        reduced([tmp_path / "means.csv"], KnownContext(means=True))
     assert refused.value.faults[0].startswith(str(tmp_path)) and words in refused.value.faults[0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.reduction.position_samples import read_position_samples
+from tumblecal.recordings.dwells.position_samples import read_position_samples
 
 
 def table(path, header="position,time_s,ax_mg,ay_mg,az_mg", comment="", count=20, step=0.01):
@@ -25,11 +25,11 @@ def table(path, header="position,time_s,ax_mg,ay_mg,az_mg", comment="", count=20
 
 def test_samples_times_and_rate(tmp_path):
     found = read_position_samples(table(tmp_path / "raw.csv"))
-    assert found.rate_hz == pytest.approx(100) and list(found.force) == ["a", "b"]
-    np.testing.assert_allclose(found.force["b"][3], [0.001, 0.002, 1.0])
-    assert found.middle_s == pytest.approx({"a": 0.095, "b": 60.095}) and found.dwell_s == pytest.approx(0.2)
+    assert found.rate_hz == pytest.approx(100) and found.positions.names == ("a", "b")
+    np.testing.assert_allclose(found.force[1][3], [0.001, 0.002, 1.0])
+    assert found.positions.time_s == pytest.approx([0.095, 60.095]) and found.still_s == pytest.approx(0.4)
     found = read_position_samples(table(tmp_path / "raw.csv", "position,ax_mg,ay_mg,az_mg", "# rate_hz: 62.5"))
-    assert found.rate_hz == 62.5 and found.middle_s == {}
+    assert found.rate_hz == 62.5 and found.positions.time_s is None
 
 
 @pytest.mark.parametrize(

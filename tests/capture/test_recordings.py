@@ -16,7 +16,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.recordings.correction.correction import Correction, write_corrected
 from tumblecal.recordings.correction.uncorrected import uncorrected
 from tumblecal.recordings.options import KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.reduce_recording import reduce_recording
+from tumblecal.recordings.reduce import reduced
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def expected(s, tmp_path_factory):
     path = tmp_path_factory.mktemp("plain") / "plain.parquet"
     names = ["time_s", *(f"a{axis}_ms2" for axis in "xyz"), *(f"g{axis}_rads" for axis in "xyz"), "temperature_degc"]
     pl.DataFrame(dict(zip(names, imu_columns(s).values(), strict=True))).write_parquet(path)
-    data = reduce_recording(path, KnownContext(static=True)).table.data
+    data = reduced([path], KnownContext(static=True)).data
     assert len(data) == len(ATTITUDES)
     return data
 
@@ -119,7 +119,7 @@ def test_every_format_gives_the_same_positions(tmp_path, s, expected, name):
     write, options = MADE[name]
     recording = write(tmp_path / name, s)
     _applied(recording, RecordingOptions(**options), s, tmp_path / "corrected.parquet")
-    data = reduce_recording(recording, KnownContext(static=True), RecordingOptions(**options)).table.data
+    data = reduced([recording], KnownContext(static=True), RecordingOptions(**options)).data
     assert data.names == expected.names
     np.testing.assert_allclose(data.readings, expected.readings, atol=2e-7)
     np.testing.assert_allclose(data.time_s, expected.time_s, atol=2e-6)
@@ -144,17 +144,17 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     lines[800:800] = ["", "# a comment"]
     lines[1303] = lines[1303].replace(",", ",x", 1)
     path.write_text("\n".join(lines))
-    reduction = reduce_recording(path, KnownContext(static=True))
-    assert reduction.contents.unread.rows == 4
-    assert reduction.contents.unread.places == [502, 701, 905, 1304]
-    np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=1e-4)
+    reduction = reduced([path], KnownContext(static=True))
+    assert reduction.dwells.read[0].unread.rows == 4
+    assert reduction.dwells.read[0].unread.places == [502, 701, 905, 1304]
+    np.testing.assert_allclose(reduction.data.readings, expected.readings, atol=1e-4)
 
 
 def test_readings_of_no_usual_size_are_a_line(tmp_path, s):
     columns = {name: (3.0 if "acc" in name else 1.0) * values for name, values in imu_columns(s).items()}
     path = text(tmp_path / "odd.csv", s, ",", columns)
     with pytest.raises(InputError, match=r"neither g, mg, m/s\^2 nor usual counts; give the unit"):
-        reduce_recording(path, KnownContext(static=True))
+        reduced([path], KnownContext(static=True))
 
 
 @pytest.mark.parametrize("name", ["one.bag", "two.mcap", "log.ulg", "log.h5", "log.mat", "log.xlsx", "log.parquet"])
@@ -168,7 +168,7 @@ def test_damaged_files_are_a_line(tmp_path, name):
     begins |= {"log.h5": b"\x89HDF\r\n\x1a\n", "log.mat": b"MATLAB 5.0 MAT-file", "log.parquet": b"PAR1"}
     (tmp_path / name).write_bytes(begins[name] + bytes(range(256)) * 8)
     with pytest.raises(InputError, match=name) as refused:
-        reduce_recording(tmp_path / name, KnownContext(static=True))
+        reduced([tmp_path / name], KnownContext(static=True))
     assert len(refused.value.faults) == 1
 
 
@@ -183,7 +183,7 @@ def test_a_library_that_is_not_installed_is_a_line(tmp_path, s, monkeypatch, nam
 
     monkeypatch.setattr(formats, "import_module", absent)
     with pytest.raises(InputError, match=f"the package {package}; install it with: pip install 'tumblecal"):
-        reduce_recording(path, KnownContext(static=True))
+        reduced([path], KnownContext(static=True))
 
 
 @pytest.mark.parametrize("name", ["mip", "vectornav"])
@@ -193,9 +193,9 @@ def test_a_byte_log_of_a_protocol_gives_the_same_positions(tmp_path, s, expected
     samples.counter[:] = np.arange(len(s.time_s))
     path = tmp_path / "port.bin"
     path.write_bytes(protocol(name).encode(samples, Settings(rate_hz=100.0)))
-    reduction = reduce_recording(path, KnownContext(static=True), RecordingOptions(rate=100.0))
-    assert reduction.contents.reader.title.startswith("byte log")
-    np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=3e-4)
+    reduction = reduced([path], KnownContext(static=True), RecordingOptions(rate=100.0))
+    assert reduction.dwells.read[0].reader.title.startswith("byte log")
+    np.testing.assert_allclose(reduction.data.readings, expected.readings, atol=3e-4)
 
 
 def test_import_says_what_is_in_a_recording_and_writes_what_reduce_reads(tmp_path, s, expected, tumblecal):

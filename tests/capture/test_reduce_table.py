@@ -10,8 +10,7 @@ import pytest
 
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.reduction.reduce import reduce
-from tumblecal.recordings.reduction.reduce_table import reduce_table
+from tumblecal.recordings.reduce import reduced
 
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))
@@ -58,7 +57,7 @@ def test_means_of_white_samples(tmp_path, white, suffix):
     samples, times = white
     warmth = np.linspace(20.0, 23.0, 24)
     told = columns(samples, times, temperature_degc=warmth, run=np.repeat([1, 2, 3], 8))
-    reduction = reduce_table(written(tmp_path / f"log{suffix}", told))
+    reduction = reduced([written(tmp_path / f"log{suffix}", told)])
     data = reduction.data
     np.testing.assert_allclose(data.readings, samples.mean(1), atol=1e-12)
     # What is slower than a dwell cannot be excluded: a little more than sd / sqrt(n), never less.
@@ -68,14 +67,14 @@ def test_means_of_white_samples(tmp_path, white, suffix):
     np.testing.assert_allclose(data.temperature_degc, warmth, atol=1e-9)
     np.testing.assert_array_equal(data.alpha_deg, ALPHA)
     assert data.names[:2] == ("0-1", "0-2") and data.run == ("1",) * 8 + ("2",) * 8 + ("3",) * 8
-    assert reduction.rate_hz == pytest.approx(RATE_HZ) and set(data.n) == {COUNT}
+    assert reduction.dwells.rate_hz == pytest.approx(RATE_HZ) and set(data.n) == {COUNT}
 
 
 def test_a_table_of_a_capture_s_samples_is_reduced_as_the_capture(tmp_path):
     """Slow noise (a wander of 100 s) makes the means worse than sd / sqrt(n); table and folder say so alike."""
     capture = write_capture(tmp_path / "capture", forces(), 1e-4, 5e-5, 100.0)
-    folder = reduce(capture.folder).data
-    table = reduce_table(written(tmp_path / "log.csv", columns(capture.samples, capture.times_s))).data
+    folder = reduced([capture.folder]).data
+    table = reduced([written(tmp_path / "log.csv", columns(capture.samples, capture.times_s))]).data
     np.testing.assert_allclose(table.readings, folder.readings, atol=2e-6)  # the frames are quantised
     np.testing.assert_allclose(table.sd, folder.sd, rtol=0.1)
     assert np.min(table.sd) > 2 * 1e-4 / np.sqrt(capture.samples.shape[1])
@@ -87,10 +86,10 @@ def test_a_position_that_comes_again_is_a_dwell_of_its_own(tmp_path, white):
     first = {name: values[: 2 * COUNT] for name, values in told.items()}
     again = {name: np.concatenate([values, values[:COUNT]]) for name, values in first.items()}
     again["time_s"] = np.concatenate([first["time_s"], first["time_s"][:COUNT] + 500.0])
-    data = reduce_table(written(tmp_path / "log.csv", again)).data
+    data = reduced([written(tmp_path / "log.csv", again)]).data
     assert data.names == ("0-1", "0-2", "0-1 (2)")
     del again["position"]
-    assert reduce_table(written(tmp_path / "log.csv", again)).data.names == ("p1", "p2", "p3")
+    assert reduced([written(tmp_path / "log.csv", again)]).data.names == ("p1", "p2", "p3")
 
 
 def test_the_rate_may_be_stated_and_angles_unknown(tmp_path, white):
@@ -98,7 +97,7 @@ def test_the_rate_may_be_stated_and_angles_unknown(tmp_path, white):
     for name in ("time_s", "alpha_deg", "beta_deg"):
         del told[name]
     path = written(tmp_path / "log.csv", told, "# rate_hz: 100\n# attitudes: unknown\n# gravity_ms2: 9.81\n")
-    data = reduce_table(path).data
+    data = reduced([path]).data
     assert data.hand_held and data.gravity is not None and data.gravity.value_ms2 == 9.81
     assert data.time_s is not None and np.ptp(data.time_s) == pytest.approx(23 * COUNT / RATE_HZ)
 
@@ -116,7 +115,7 @@ def test_what_is_no_table_of_samples(tmp_path, white, change, words):
     told = columns(*white)
     change(told)
     with pytest.raises(InputError, match=words):
-        reduce_table(written(tmp_path / "log.csv", told))
+        reduced([written(tmp_path / "log.csv", told)])
 
 
 @pytest.mark.long

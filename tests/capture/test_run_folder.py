@@ -15,7 +15,8 @@ from disk import file_size_limited
 from tumblecal.capture.journal import Journal, read_journal, replayed
 from tumblecal.capture.log import LogWriter
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.reduction.reduce import _wall_s, reduce
+from tumblecal.recordings.dwells.captured import _middle_s
+from tumblecal.recordings.reduce import reduced
 
 
 QUICK = PLAN.replace("400.0", "2.0")
@@ -39,7 +40,7 @@ def test_a_second_start_harms_nothing(tmp_path: Path) -> None:
         assert capture.close() == 0, capture.raw
     state = replayed(read_journal(tmp_path / "run"))
     assert sorted(state.accepted) == [0, 1] and entries_of(tmp_path / "run")[-1] == "finished"
-    assert len(reduce(tmp_path / "run").data) == 2
+    assert len(reduced([tmp_path / "run"]).data) == 2
     # What is done is done: nothing is waited for, nothing asked and nothing written.
     done, whole = CaptureProcess(tmp_path, "--resume", "run", "--plain"), entries_of(tmp_path / "run")
     assert done.close() == 0 and b"all 2 positions are recorded; next: tumblecal reduce run" in done.raw
@@ -113,5 +114,5 @@ def test_the_pause_of_an_interrupted_run_is_kept():
     state = SimpleNamespace(devices=sittings, device=sittings[1])
     before = SimpleNamespace(log_start=500, clocks={})
     after = SimpleNamespace(log_start=1500, clocks={"monotonic_ns": 100 * second, "boot_ns": 700 * second})
-    assert _wall_s(np.array([9 * 3600 + 10.0, 9 * 3600 + 30.0]), before, state) == pytest.approx(20.0)
-    assert _wall_s(np.array([95.0, 105.0]), after, state) == pytest.approx(2 * 3600 + 60 + 600)
+    assert _middle_s(np.array([9 * 3600 + 10.0, 9 * 3600 + 30.0]), before, state) == pytest.approx(20.0)
+    assert _middle_s(np.array([95.0, 105.0]), after, state) == pytest.approx(2 * 3600 + 60 + 600)

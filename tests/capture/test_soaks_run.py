@@ -9,8 +9,8 @@ from bench import CaptureProcess, Emulator
 from tumblecal.capture.journal import read_journal, replayed
 from tumblecal.data import read_positions
 from tumblecal.estimation import default_chain
-from tumblecal.recordings.reduction.reduce import reduce
-from tumblecal.recordings.reduction.reduction import write_reduction
+from tumblecal.recordings.reduce import reduced
+from tumblecal.recordings.reduction import write_reduction
 
 
 PLAN = """
@@ -73,7 +73,7 @@ def test_a_run_over_soaks_is_interrupted_resumed_and_reduced(tmp_path: Path) -> 
     assert all(after.accepted[k] == before.accepted[k] for k in before.accepted)
     soaks = [(e["requested_degc"], e["criterion"]["stable_min"]) for e in entries if e["entry"] == "soak"]
     assert soaks == [(25, 0.1), (40, 0.1), (40, 0.2), (25, 0.2)]
-    write_reduction(reduce(run), run)
+    write_reduction(reduced([run]), run)
     data = read_positions(run / "positions.csv")
     # One run, one clock, one pitch setting, and the order of the plan.
     assert data.run is None and data.clock is None and default_chain(data).names.count("dbeta_0") == 1
@@ -96,7 +96,7 @@ def test_without_temperatures_in_the_stream_those_of_the_chamber_are_written(tmp
     with Emulator(tmp_path, emulator, follow="run", chamber="oven"):
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--plain")
         assert capture.close() == 0, capture.seen[-20:]
-    data = reduce(tmp_path / "run").data
+    data = reduced([tmp_path / "run"]).data
     assert data.run == ("1.1", "1.2") and data.comments["temperature_source"] == "chamber"
     assert data.temperature_degc == pytest.approx([30.0, 45.0])
     kinds = [entry["entry"] for entry in read_journal(tmp_path / "run")]

@@ -9,7 +9,7 @@ from recordings_made import ATTITUDES, imu_columns, made
 
 from hand_held_sessions import Hand, counts, drawn
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.reduce_recording import reduce_recording
+from tumblecal.recordings.reduce import reduced
 from tumblecal.recordings.still.blocks import blocks_of
 from tumblecal.recordings.still.stillness import still_intervals
 from tumblecal.report.recording_words import reduction_words
@@ -26,7 +26,7 @@ def written(tmp_path, s, **changed):
 
 
 def words(reduction):
-    return "\n".join(reduction_words(reduction))
+    return "\n".join(reduction_words(reduction.dwells))
 
 
 @pytest.mark.parametrize(
@@ -123,12 +123,14 @@ def test_sizes_are_judged_about_the_bias_of_each_axis(tmp_path, offset):
 
 def test_verdicts_do_not_depend_on_the_unit(tmp_path):
     s = made(Hand(tremor_g=2e-3))
-    one = reduce_recording(written(tmp_path, s), HAND_HELD)
+    one = reduced([written(tmp_path, s)], HAND_HELD)
     counts_of = {f"acc_{axis}": 16384 * s.force[:, k] for k, axis in enumerate("xyz")}
-    other = reduce_recording(written(tmp_path, s, **counts_of), HAND_HELD, RecordingOptions(unit="16384/g"))
-    assert one.stillness and other.stillness
-    assert [(i.start, i.stop) for i in one.stillness.used] == [(i.start, i.stop) for i in other.stillness.used]
-    np.testing.assert_allclose(one.table.data.readings, other.table.data.readings, rtol=1e-9)
+    other = reduced([written(tmp_path, s, **counts_of)], HAND_HELD, RecordingOptions(unit="16384/g"))
+    assert one.dwells.stillness and other.dwells.stillness
+    assert [(i.start, i.stop) for i in one.dwells.stillness.used] == [
+        (i.start, i.stop) for i in other.dwells.stillness.used
+    ]
+    np.testing.assert_allclose(one.data.readings, other.data.readings, rtol=1e-9)
 
 
 def test_a_knock_is_left_out_and_parts_no_interval(tmp_path):
@@ -139,11 +141,11 @@ def test_a_knock_is_left_out_and_parts_no_interval(tmp_path):
     force[middle : middle + 5] += [0.3, -0.2, 0.1]
     force[s.still[4][0] + 100, 1] += 5.0
     columns = {f"acc_{axis}": 9.80665 * force[:, k] for k, axis in enumerate("xyz")}
-    plain = reduce_recording(written(tmp_path, s), HAND_HELD)
-    knocked = reduce_recording(written(tmp_path, s, **columns), HAND_HELD)
-    assert knocked.stillness and len(knocked.stillness.used) == len(ATTITUDES)
-    assert knocked.stillness.used[2].knocks
-    np.testing.assert_allclose(knocked.table.data.readings, plain.table.data.readings, atol=3e-4)
+    plain = reduced([written(tmp_path, s)], HAND_HELD)
+    knocked = reduced([written(tmp_path, s, **columns)], HAND_HELD)
+    assert knocked.dwells.stillness and len(knocked.dwells.stillness.used) == len(ATTITUDES)
+    assert knocked.dwells.stillness.used[2].knocks
+    np.testing.assert_allclose(knocked.data.readings, plain.data.readings, atol=3e-4)
 
 
 def test_nothing_still_is_a_line_and_a_figure(tmp_path, tumblecal):
@@ -167,21 +169,21 @@ def test_gaps_and_clocks_that_jump_back_part_intervals_and_are_told(tmp_path):
     gap, back = s.still[1].mean().astype(int), s.still[5].mean().astype(int)
     rows = np.arange(len(s.time_s))
     time = s.time_s + np.where(rows >= gap, 30.0, 0.0) - np.where(rows >= back, 40.0, 0.0)
-    reduction = reduce_recording(written(tmp_path, s, time=time), HAND_HELD, criterion=Criterion(least_s=1.0))
-    assert reduction.stillness
-    assert not any(one.start < row < one.stop for one in reduction.stillness.used for row in (gap, back))
-    assert len(reduction.stillness.used) == len(ATTITUDES) + 2
+    reduction = reduced([written(tmp_path, s, time=time)], HAND_HELD, criterion=Criterion(least_s=1.0))
+    assert reduction.dwells.stillness
+    assert not any(one.start < row < one.stop for one in reduction.dwells.stillness.used for row in (gap, back))
+    assert len(reduction.dwells.stillness.used) == len(ATTITUDES) + 2
     said = words(reduction)
     assert "1 gap, 30.0 s in all" in said
     assert "the clock jumps back 1 time" in said
-    assert reduction.contents.rate_hz == pytest.approx(100.0)
+    assert reduction.dwells.read[0].rate_hz == pytest.approx(100.0)
 
 
 def test_saturated_intervals_are_refused(tmp_path):
     s = made()
     cut = np.minimum(s.force[:, 2], 1.0)
-    reduction = reduce_recording(written(tmp_path, s, acc_z=9.80665 * cut), HAND_HELD)
-    assert reduction.stillness
-    refused = [one.reason for one in reduction.stillness.intervals if one.reason]
+    reduction = reduced([written(tmp_path, s, acc_z=9.80665 * cut)], HAND_HELD)
+    assert reduction.dwells.stillness
+    refused = [one.reason for one in reduction.dwells.stillness.intervals if one.reason]
     assert any(reason.startswith("saturated: axis z") for reason in refused)
-    assert (reduction.table.data.readings[:, 2] < 0.999).all()
+    assert (reduction.data.readings[:, 2] < 0.999).all()

@@ -1,15 +1,22 @@
 """Bins over temperature from arrays: smoothing, branches, soaks, sums in pieces, means with uncertainties, rounding."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tumblecal.recordings.columns import Layout
+from tumblecal.recordings.damage import Damage
+from tumblecal.recordings.dwells.place import Place
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.recording import Recording
+from tumblecal.recordings.table import Reader, Table
 from tumblecal.recordings.thermal.bins import binned, course_of, default_width
 from tumblecal.recordings.thermal.block_temperature import stuck_readings
 from tumblecal.recordings.thermal.branches import branches_of
 from tumblecal.recordings.thermal.rounding import rounding_sd
-from tumblecal.recordings.thermal.series import Attitude, ThermalSeries
+from tumblecal.recordings.thermal.series import ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import resolution_of, temperature_course
 
 
@@ -63,10 +70,11 @@ def _series(time_s: np.ndarray, force: np.ndarray, degc: np.ndarray, size: int, 
     block_s = float(time_s[1] - time_s[0])
     squares = np.full((count, 3), (size - 1) * sd**2)
     visit = np.zeros(count, int)
-    attitude = (Attitude("a1", force.mean(0)),)
-    return ThermalSeries(
-        "f", block_s, size, time_s, force, squares, visit, visit[:1], attitude, np.zeros(3), time_s, degc, 0.0
-    )
+    table, layout = Table("", (), lambda columns: iter(())), Layout({}, None, 1.0, ())
+    reader = Reader("", lambda path, start: True, lambda source: [table])
+    recording = Recording(Path("f"), reader, [table], table, RecordingOptions(), layout, Damage())
+    blocks = (block_s, size, time_s, force, squares, visit, visit[:1], (Place("a1"),), np.zeros(3))
+    return ThermalSeries("f", "f", recording, {}, *blocks, time_s, degc, 0.0)
 
 
 def _bias(degc: np.ndarray) -> np.ndarray:
@@ -93,7 +101,7 @@ def test_bin_means_are_covered_by_their_uncertainties(correlation_s: float):
                 noise[k] += 3e-4 * slow
         series = _series(time, _bias(degc) + noise, degc, size, sd)
         course = course_of(series)
-        table, _ = binned(series, course, default_width([(series, course)]), "f")
+        table, _ = binned(series, course, default_width([(series, course)]))
         tables.append(table)
         ratios.append((table.readings - _bias(table.temperature_degc)) / table.sd)
     # 80 degC in fortieths, up and down.
@@ -117,7 +125,7 @@ def test_uncertainties_of_long_soaks_are_not_extrapolated_from_short_bins():
     time = 0.5 * np.arange(len(degc))
     noise = 1e-3 / np.sqrt(20) * np.random.default_rng(8).standard_normal((len(time), 3))
     series = _series(time, _bias(degc) + noise, degc, 20, 1e-3)
-    table, _ = binned(series, course_of(series), 1.5, "f")
+    table, _ = binned(series, course_of(series), 1.5)
     ratio = table.sd * np.sqrt(table.n)[:, None] / 1e-3
     assert table.soak.sum() == 4
     assert table.n[table.soak].min() > 50 * table.n[~table.soak].min()
@@ -135,7 +143,7 @@ def test_the_resolution_of_the_thermometer_is_part_of_the_uncertainty():
     read = np.round(true * 2) / 2
     force = _bias(true) + 1e-7 * rng.standard_normal((len(time), 3))
     series = replace(_series(time, force, read, 10, 3e-7), resolution=resolution_of(read))
-    table, _ = binned(series, course_of(series), 2.0, "f")
+    table, _ = binned(series, course_of(series), 2.0)
     soaks = table.rows(table.soak)
     assert len(soaks) == 6
     errors = (soaks.readings - _bias(soaks.temperature_degc)) / soaks.sd

@@ -39,7 +39,7 @@ def test_a_log_has_the_attitudes_of_its_intervals_at_rest(tmp_path):
     found = attitudes([log(tmp_path / "log.csv", samples(FACES))])
     assert directions_of(found) == 6 and found.data.hand_held
     np.testing.assert_allclose(found.data.readings, FACES, atol=1e-3)
-    assert found.still_s == pytest.approx(24, abs=4) and found.stillness is not None
+    assert found.dwells.still_s == pytest.approx(24, abs=4) and found.dwells.stillness is not None
 
 
 def test_a_column_or_the_files_name_the_attitudes(tmp_path):
@@ -53,7 +53,7 @@ def test_a_column_or_the_files_name_the_attitudes(tmp_path):
     by_files = attitudes(files)
     for found in (by_column, by_files):
         np.testing.assert_allclose(found.data.readings, FACES, atol=1e-3)
-    assert len(by_files.files) == 6 and by_files.lines
+    assert len(by_files.dwells.files) == 6 and by_files.dwells.lines
 
 
 def test_rows_of_means_are_taken_as_they_are(tmp_path):
@@ -62,7 +62,7 @@ def test_rows_of_means_are_taken_as_they_are(tmp_path):
     options = RecordingOptions(columns="ax=X,ay=Y,az=Z", unit="g")
     found = attitudes([tmp_path / "means.csv"], KnownContext(means=True), options)
     np.testing.assert_array_equal(found.data.readings, FACES)
-    assert found.data.hand_held and found.still_s is None and not found.data.in_ms2
+    assert found.data.hand_held and found.dwells.still_s is None and not found.data.in_ms2
 
 
 def test_too_few_attitudes_and_kelvin_are_one_line(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from capture_folder import write_capture
 
 import blind_instrument as blind
-from tumblecal.recordings.reduction.position_samples import read_position_samples
+from tumblecal.recordings.dwells.position_samples import read_position_samples
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -24,10 +24,10 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def means(recorded):
-    from tumblecal.recordings.reduction.reduce import reduce
-    from tumblecal.recordings.reduction.reduction import write_reduction
+    from tumblecal.recordings.reduce import reduced
+    from tumblecal.recordings.reduction import write_reduction
 
-    return write_reduction(reduce(recorded.folder), recorded.folder)[0]
+    return write_reduction(reduced([recorded.folder]), recorded.folder)[0]
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +66,9 @@ def test_a_folder_and_a_table_hold_what_was_recorded(tmp_path, recorded, table):
     table.with_columns(pl.col("position").cast(pl.Float64)).write_parquet(tmp_path / "raw.parquet")
     for source in (recorded.folder, tmp_path / "raw.csv", tmp_path / "raw.parquet"):
         found = read_position_samples(source)
-        assert found.rate_hz == pytest.approx(50) and list(found.force) == [str(k) for k in range(1, 25)]
-        assert np.diff([*found.middle_s.values()]) == pytest.approx(60, abs=0.01)
-        np.testing.assert_allclose(np.stack([*found.force.values()]), recorded.samples, atol=2.0**-19)
+        assert found.rate_hz == pytest.approx(50) and found.positions.names == tuple(str(k) for k in range(1, 25))
+        assert np.diff(found.positions.time_s) == pytest.approx(60, abs=0.01)
+        np.testing.assert_allclose(np.stack(found.force), recorded.samples, atol=2.0**-19)
 
 
 BAD = {

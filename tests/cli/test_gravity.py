@@ -8,8 +8,8 @@ from capture_folder import PLAN, write_capture
 from tumblecal.data import read_positions
 from tumblecal.data.raw import read_raw
 from tumblecal.ground.gravity import Gravity
-from tumblecal.recordings.reduction.position_samples import read_position_samples
-from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.dwells.position_samples import read_position_samples
+from tumblecal.recordings.reduce import reduced
 
 
 LOCAL, STANDARD = 9.8333, 9.80665
@@ -43,18 +43,18 @@ def test_four_commands_read_one_file_alike(tmp_path, suffix):
     plan = PLAN.replace(f"gravity_ms2 = {STANDARD}", f"gravity_ms2 = {LOCAL}")
     assert plan != PLAN
     (capture.folder / "plan.toml").write_text(plan)
-    reduced = reduce(capture.folder).data
+    found = reduced([capture.folder]).data
     ms2 = capture.samples * STANDARD
     means = positions(tmp_path / f"means{suffix}", ms2.mean(1), gravity_ms2=str(LOCAL))
-    columns = {"position": np.repeat(np.array(reduced.names), ms2.shape[1]), "time_s": capture.times_s.ravel()}
+    columns = {"position": np.repeat(np.array(found.names), ms2.shape[1]), "time_s": capture.times_s.ravel()}
     columns |= dict(zip(COLUMNS, ms2.reshape(-1, 3).T, strict=True))
     samples = written(tmp_path / f"samples{suffix}", columns, gravity_ms2=str(LOCAL))
     read = {
-        "reduce": reduced.readings,
+        "reduce": found.readings,
         "calibrate": read_positions(means).readings,
         "apply": read_raw(means).readings,
-        "diagnose --samples": np.array([one.mean(0) for one in read_position_samples(samples).force.values()]),
+        "diagnose --samples": np.array([one.mean(0) for one in read_position_samples(samples).force]),
     }
     for name, values in read.items():
         np.testing.assert_allclose(values, readings, atol=2e-5, err_msg=name)
-    assert read_positions(means).gravity == Gravity(LOCAL, "stated") and reduced.gravity == Gravity(LOCAL, "given")
+    assert read_positions(means).gravity == Gravity(LOCAL, "stated") and found.gravity == Gravity(LOCAL, "given")

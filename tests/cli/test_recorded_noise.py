@@ -27,14 +27,14 @@ pytestmark = pytest.mark.usefixtures("few_effects")
 @pytest.fixture(scope="module")
 def means(tmp_path_factory):
     """A null run in a wander of 80 ug and 60 s, seven times the white noise of a mean; reduced."""
-    from tumblecal.recordings.reduction.reduce import reduce
-    from tumblecal.recordings.reduction.reduction import write_reduction
+    from tumblecal.recordings.reduce import reduced
+    from tumblecal.recordings.reduction import write_reduction
 
     setup = blind.random_setup(np.random.default_rng(4), 3, 8)
     readings = blind.readings(setup, setup.nominal, {})
     folder = tmp_path_factory.mktemp("lab") / "run"
     write_capture(folder, readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0)
-    return write_reduction(reduce(folder), folder)[0]
+    return write_reduction(reduced([folder]), folder)[0]
 
 
 @pytest.mark.long

@@ -1,5 +1,7 @@
 """The noise of position means from their raw samples: its covariance, and that it weighs and is no effect."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from tumblecal.estimation.mean_noise import sample_noises
 from tumblecal.ground.errors import InputError
 from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.sampling import dwell_records
-from tumblecal.recordings.reduction.position_samples import PositionSamples
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
@@ -36,8 +38,7 @@ def recorded(seed, parts, effects=(), extra=0.0):
         approach=setup.approach,
         source="means",
     )
-    times = dict(zip(setup.names, middle.tolist(), strict=True))
-    return data, PositionSamples(dict(zip(setup.names, records, strict=True)), times, RATE, "raw"), dwells
+    return data, DwellSamples(replace(data, source="raw"), records, RATE), dwells
 
 
 def against_neighbours(covariance):
@@ -82,9 +83,11 @@ def test_slow_noise_is_no_effect(diagnoser, parts):
 
 def test_samples_of_something_else_are_refused(diagnoser):
     data, samples, _ = recorded(5, (White(100e-6 * ONE),))
-    other = PositionSamples({**samples.force, "1-3": samples.force["1-4"]}, {}, RATE, "raw")
+    third = data.names.index("1-3")
+    other = replace(samples, force=[samples.force[k + (k == third)] for k in range(len(data))])
     with pytest.raises(InputError, match="position 1-3: the samples' mean of axis"):
         sample_noises(other, data)
-    fewer = {name: force for name, force in samples.force.items() if name != "2-2"}
+    rest = [k for k, name in enumerate(data.names) if name != "2-2"]
+    fewer = replace(samples, positions=samples.positions.chosen(rest), force=[samples.force[k] for k in rest])
     with pytest.raises(InputError, match="no samples of position 2-2 of means"):
-        sample_noises(PositionSamples(fewer, {}, RATE, "raw"), data)
+        sample_noises(fewer, data)

@@ -34,12 +34,16 @@ _OF_THE_RUN = {
 # Of a diagnosis: what decides. The other entries are descriptions and forecasts.
 _OF_DIAGNOSES = ("schema", "verdict", "use", "causes", "set_up", "explanations", "located", "unexplained", "sigma_g",
                  "assumed_noise_p_value", "mountings", "parameters")  # fmt: skip
+# Of a plan: what depends on the positions that the search finds.
+_OF_PLANS = ("positions", "parameters", "in_use_g", "criterion", "effects", "trade_off")
 _LONGEST_LIST = 40
 # Of exported files: what begins a comment, and numbers that are no part of a name or of a checksum (*57).
 _COMMENTS = ("#", "//", "/*", "*", "%", '"comment"')
 _NUMBER = re.compile(r"(?<![\w.*])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
 # Differences up to which numbers are equal: relative, absolute, in units of a stated uncertainty, of probabilities.
 RELATIVE, ABSOLUTE, OF_U, PROBABILITY = 2e-3, 1e-9, 0.05, 0.02
+# The entry of a plan with the value of its criterion, and the relative difference up to which plans are equally good.
+SEARCHED, AS_GOOD = "searched", 0.02
 
 
 def files_of(folder: Path, before: set[Path]) -> dict[str, Any]:
@@ -55,9 +59,14 @@ def _content(path: Path) -> Any:
             content = json.loads(path.read_text(encoding="utf-8"))
             if str(content.get("schema", "")).startswith("tumblecal.diagnosis/"):
                 return diagnosis(content)
+            if str(content.get("schema", "")).startswith("tumblecal.plan/"):
+                return searched_plan(content)
             return reduced(content)
         case ".toml":
-            return reduced(tomllib.loads(path.read_text(encoding="utf-8")))
+            content = tomllib.loads(path.read_text(encoding="utf-8"))
+            if isinstance(listed := content.get("positions", {}).get("listed"), list):
+                content["positions"]["listed"] = len(listed)
+            return reduced(content)
         case ".csv":
             return _table(pl.read_csv(path, comment_prefix="#", infer_schema_length=None, truncate_ragged_lines=True))
         case ".parquet":
@@ -81,6 +90,12 @@ def diagnosis(content: dict[str, Any]) -> dict[str, Any]:
     """What decides in a diagnosis; of its explanations the first two."""
     kept = {name: content[name] for name in _OF_DIAGNOSES if name in content}
     return reduced(kept | {"explanations": content["explanations"][:2]})
+
+
+def searched_plan(content: dict[str, Any]) -> dict[str, Any]:
+    """What a plan states besides its positions: many plans are equally good, and rounding decides between them."""
+    kept = {name: entry for name, entry in content.items() if name not in _OF_PLANS}
+    return reduced(kept | {"positions": len(content["positions"]), SEARCHED: content["criterion"]["value"]})
 
 
 def reduced(value: Any) -> Any:
@@ -127,7 +142,8 @@ def differences(before: Any, after: Any, where: str = "", tolerance: float = 0.0
                     yield f"{inner}: only {'before' if key in before else 'after'}"
                     continue
                 probable = "probability" in key or key.startswith("p_") or key.endswith("p_value")
-                yield from differences(before[key], after[key], inner, PROBABILITY if probable else OF_U * abs(u))
+                near = AS_GOOD * abs(before[key]) if key == SEARCHED else PROBABILITY if probable else OF_U * abs(u)
+                yield from differences(before[key], after[key], inner, near)
         case list(), list() if len(before) == len(after):
             for number, (old, new) in enumerate(zip(before, after, strict=True)):
                 yield from differences(old, new, f"{where}[{number}]", tolerance)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from thermal_instrument import Programme, Unit, attitudes, instrument, means, readings, soak_means, truth
+from thermal_tables import table_of
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.thermal.thermal_table import table_of
 from tumblecal.thermal.choice import Stated, chosen_model
 from tumblecal.thermal.held_out import between_recordings
 from tumblecal.thermal.result import thermal_calibration

@@ -4,23 +4,32 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tumblecal.capture.journal import sha256_of
+from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
 from tumblecal.data.conditions import are_kelvin, temperature_faults
+from tumblecal.data.files import read_positions
 from tumblecal.data.measured import MEASURED
+from tumblecal.data.positions import PositionSet
+from tumblecal.data.raw import column_names
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.sources import Reduced, reduced
+from tumblecal.recordings.reduce import reduced
+from tumblecal.recordings.reduction import Reduction
 from tumblecal.recordings.thermal.attitudes import grouped
 
 
 # Fewer directions need a log of at least this length, s.
 _FEWEST, _LONG_S = 3, 60.0
+# This many consecutive rows of one position are samples of a dwell.
+_LIKE_SAMPLES = 16
 
 
-def provenance(found: Reduced, calibration: Path) -> dict[str, Any]:
+def provenance(found: Reduction, calibration: Path) -> dict[str, Any]:
     """Files of a check with their SHA-256, and the date of the recording, if stated."""
-    recording = [{"file": str(file), "sha256": sha256_of(file) if file.is_file() else None} for file in found.files]
+    recording = [
+        {"file": str(file), "sha256": sha256_of(file) if file.is_file() else None} for file in found.dwells.files
+    ]
     return {
         "calibration": {"file": str(calibration), "sha256": sha256_of(calibration)},
         "recording": recording,
@@ -28,14 +37,14 @@ def provenance(found: Reduced, calibration: Path) -> dict[str, Any]:
     }
 
 
-def directions_of(found: Reduced) -> int:
+def directions_of(found: Reduction) -> int:
     """Number of different directions of gravity."""
     return len(grouped(found.data.readings)[1])
 
 
 def still_attitudes(
     files: list[Path], context: KnownContext, options: RecordingOptions, criterion: Criterion
-) -> Reduced:
+) -> Reduction:
     """Read the still attitudes of a recording.
 
     **Arguments:**
@@ -44,9 +53,17 @@ def still_attitudes(
 
     **Raises:** `InputError` for a recording that cannot be read, has no interval at rest, or too few attitudes.
     """
-    found = reduced(files, context, options, criterion)
+    data = _position_file(files, context, options)
+    if data is None:
+        unstated = not (
+            context.plan or context.by or context.table or context.means or (files[0] / JOURNAL_NAME).is_file()
+        )
+        known = replace(context, static=context.static or unstated, run="", mount="")
+        found = reduced(files, known, options, criterion)
+    else:
+        found = Reduction(data, DwellSamples(data, files=tuple(files)))
     # Readings in m/s^2, and those of a capture, were divided by the gravity of the recording.
-    in_ms2 = found.data.in_ms2 or any(recording.layout.unit == "ms2" for _, recording in found.read)
+    in_ms2 = found.data.in_ms2 or any(recording.layout.unit == "ms2" for recording in found.dwells.read)
     data = replace(found.data, in_ms2=in_ms2 or "captured_in" in found.data.comments)
     if context.run or context.mount:
         labels = {name: (text,) * len(data) for name in ("run", "mount") if (text := getattr(context, name))}
@@ -59,10 +76,24 @@ def still_attitudes(
     for row, fault in temperature_faults(warmth) if warmth is not None else ():
         raise InputError(f"{data.source}: position {data.names[row]}: temperature {fault}")
     found = replace(found, data=data)
-    if directions_of(found) < _FEWEST and (found.still_s or 0.0) < _LONG_S:
-        known = "" if found.still_s is None else f", {found.still_s:.3g} s at rest"
+    if directions_of(found) < _FEWEST and (found.dwells.still_s or 0.0) < _LONG_S:
+        known = "" if found.dwells.still_s is None else f", {found.dwells.still_s:.3g} s at rest"
         raise InputError(
             f"{data.source}: only {counted(directions_of(found), 'attitude')}{known}; a check needs three or more attitudes, "
             f"or one log of {_LONG_S:g} s at rest"
         )
     return found
+
+
+def _position_file(files: list[Path], context: KnownContext, options: RecordingOptions) -> PositionSet | None:
+    """The positions of a file of this program as they are; None for other recordings, and for tables of samples."""
+    path, stated = files[0], context.static or context.plan or context.by or context.table
+    if len(files) > 1 or stated or path.suffix not in (".csv", ".parquet") or not path.is_file():
+        return None
+    names = column_names(path)
+    if "alpha_deg" not in names or {"ax_g", "ax_mg", "ax_ms2"}.isdisjoint(names):
+        return None
+    if context.means:
+        return read_positions(path) if options == RecordingOptions(gravity=options.gravity) else None
+    data = read_positions(path, one_of_several=True)
+    return None if len(data) >= _LIKE_SAMPLES * data.stretches else data

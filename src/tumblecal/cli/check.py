@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tumblecal.check.result import CheckResult, Model
     from tumblecal.check.update import Update
     from tumblecal.data.calibration import Calibration
-    from tumblecal.recordings.reduction.sources import Reduced
+    from tumblecal.recordings.reduction import Reduction
 
 _SET = ("check.json", "check.html")
 # Beginnings of lines on intervals at rest that matter here: steps of the readings, and rejected intervals.
@@ -69,7 +69,7 @@ def check(
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import read_checked
     from tumblecal.ground.blas import single_blas_thread
-    from tumblecal.recordings.reduction.file_names import recording_files
+    from tumblecal.recordings.dwells.file_names import recording_files
 
     require_calibration_and_recording("check", calibration, recording)
     read = read_checked(calibration)
@@ -108,30 +108,30 @@ def check(
             made = _updated(result, found, updating, rates, results.history)
         except InputError as fault:
             refused = fault
-    stated = [calibration, *found.files, *_stated(context, test)]
+    stated = [calibration, *found.dwells.files, *_stated(context, test)]
     _written(result, found, made, (updating.update, stated), results, out, output)
     if refused is not None:
         raise refused
     return NOT_USABLE if result.use.refused else 0
 
 
-def _printed(output: Output, found: "Reduced") -> None:
+def _printed(output: Output, found: "Reduction") -> None:
     """Print layout, guesses and warnings of the recording."""
     from tumblecal.report.recording_words import interval_words, layouts_words, left_out_words
 
-    output.say("\n".join(found.lines))
-    if found.read:
-        output.say("\n".join(layouts_words(found.read)))
-    if found.stillness is not None:
-        first, *others = interval_words(found.stillness)
+    output.say("\n".join(found.dwells.lines))
+    if found.dwells.read:
+        output.say("\n".join(layouts_words(found.dwells.read)))
+    if found.dwells.stillness is not None:
+        first, *others = interval_words(found.dwells.stillness)
         output.say("\n".join([first, *(line for line in others if line.startswith(_OF_INTERVALS))]))
-    for source, contents in found.read:
-        output.warn(source, left_out_words(contents))
-    for source, lines in found.warnings:
+    for recording in found.dwells.read:
+        output.warn(str(recording.path), left_out_words(recording))
+    for source, lines in found.dwells.warnings:
         warn(source, lines)
 
 
-def _require_unit(read: "Calibration", path: Path, found: "Reduced", *, other: bool) -> None:
+def _require_unit(read: "Calibration", path: Path, found: "Reduction", *, other: bool) -> None:
     """Reject a recording of a different unit.
 
     **Raises:** `InputError` if the serial numbers differ, unless `other` is set.
@@ -144,7 +144,7 @@ def _require_unit(read: "Calibration", path: Path, found: "Reduced", *, other: b
         )
 
 
-def _require_new(read: "Calibration", path: Path, found: "Reduced") -> None:
+def _require_new(read: "Calibration", path: Path, found: "Reduction") -> None:
     """Reject the data of the calibration itself, which agree with it whatever happened since.
 
     **Raises:** `InputError` with the file.
@@ -158,8 +158,8 @@ def _require_new(read: "Calibration", path: Path, found: "Reduced") -> None:
 
 
 def _gravity(
-    read: "Calibration", path: Path, found: "Reduced", stated: str, u: float | None
-) -> "tuple[LocalSize, Reduced]":
+    read: "Calibration", path: Path, found: "Reduction", stated: str, u: float | None
+) -> "tuple[LocalSize, Reduction]":
     from tumblecal.check.gravity import local_size
     from tumblecal.ground.gravity import gravity_of_option
 
@@ -170,7 +170,7 @@ def _gravity(
     return gravity, replace(found, data=data)
 
 
-def _model(test: ConditionOptions, found: "Reduced") -> "Model":
+def _model(test: ConditionOptions, found: "Reduction") -> "Model":
     """The model of known angles: of --rig and --prior."""
     from tumblecal.check.result import Model
     from tumblecal.cli.model_options import StatedModel
@@ -191,7 +191,7 @@ def _model(test: ConditionOptions, found: "Reduced") -> "Model":
 
 def _updated(
     result: "CheckResult",
-    found: "Reduced",
+    found: "Reduction",
     updating: UpdateOptions,
     rates: Mapping[str, float],
     history: Path | None,
@@ -227,7 +227,7 @@ def _stated(context: KnownContext, test: ConditionOptions) -> list[Path | str]:
 
 def _written(
     result: "CheckResult",
-    found: "Reduced",
+    found: "Reduction",
     made: "tuple[Update, ProcessNoise] | None",
     given: tuple[Path | None, list[Path | str]],
     results: ResultOptions,

@@ -18,7 +18,7 @@ from tumblecal.ground.errors import InputError
 
 if TYPE_CHECKING:
     from tumblecal.data import PositionSet
-    from tumblecal.recordings.reduction.position_samples import PositionSamples
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 
 # Files in the output folders of one file or a batch.
@@ -83,7 +83,7 @@ class InputOptions:
             raise InputError(f"--holdout {self.holdout}: write a column and a value, such as run=3")
         return column.strip(), value.strip()
 
-    def raw(self, data: Sequence[Path], noise_sd: str | None, *, join: bool) -> "PositionSamples | None":
+    def raw(self, data: Sequence[Path], noise_sd: str | None, *, join: bool) -> "DwellSamples | None":
         """The raw samples; None if not given.
 
         **Raises:** `InputError` if they cannot be samples of the data, or if the noise is also stated.
@@ -97,7 +97,7 @@ class InputOptions:
                 f"--samples {self.samples}: samples of one position file, but {len(data)} files are given; diagnose each file "
                 "separately"
             )
-        from tumblecal.recordings.reduction.position_samples import read_position_samples
+        from tumblecal.recordings.dwells.position_samples import read_position_samples
 
         return read_position_samples(self.samples)
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tumblecal.diagnosis.screening.screened import Screened
     from tumblecal.effects import Catalogue
     from tumblecal.planning import Allowed
-    from tumblecal.recordings.reduction.position_samples import PositionSamples
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 
 _FILES_A_PROCESS = 40
@@ -40,7 +40,7 @@ class Batch:
 
     options: "ModelOptions"
     holdout: tuple[str, str] | None
-    samples: "PositionSamples | None"
+    samples: "DwellSamples | None"
     allowed: "Allowed"
     single: bool
     results: "ResultOptions"

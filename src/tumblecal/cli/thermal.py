@@ -92,7 +92,7 @@ def thermal(
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import result_set
-    from tumblecal.recordings.reduction.file_names import recording_files
+    from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.recordings.thermal.read_thermal import thermal_reading
     from tumblecal.report.thermal_files import write_thermal
     from tumblecal.report.thermal_page import write_thermal_page
@@ -137,8 +137,8 @@ def _printed(output: Output, reading: "ThermalReading") -> None:
 
     if reading.read:
         output.say("\n".join(layouts_words(reading.read)))
-    for source, contents in reading.read:
-        output.warn(source, left_out_words(contents))
+    for recording in reading.read:
+        output.warn(str(recording.path), left_out_words(recording))
     for source, lines in reading.warnings:
         warn(source, lines)
     output.say("\n".join(grouped_lines(reading.lines)))

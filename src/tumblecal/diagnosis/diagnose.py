@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -42,8 +42,10 @@ from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.reduction.position_samples import PositionSamples
 
+
+if TYPE_CHECKING:
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 # Kinds of plans whose compiled models are kept; one needs 60 to 100 MB.
 _MOST_MODELS = 8
@@ -115,7 +117,7 @@ class Diagnoser:
         noise_sd: float | None = None,
         priors: Priors | None = None,
         holdout: tuple[str, str] | None = None,
-        samples: PositionSamples | None = None,
+        samples: "DwellSamples | None" = None,
         ability: HeadAbility | None = None,
         from_rig: bool = True,
     ) -> Diagnosis:
@@ -150,7 +152,7 @@ class Diagnoser:
         chain: Chain | None = None,
         noise_sd: float | None = None,
         priors: Priors | None = None,
-        samples: PositionSamples | None = None,
+        samples: "DwellSamples | None" = None,
         ability: HeadAbility | None = None,
     ) -> Begun:
         """Screen one data set and insert its leading explanation; arguments and errors as for a call."""
@@ -286,7 +288,7 @@ def diagnose(
     noise_sd: float | None = None,
     priors: Priors | None = None,
     holdout: tuple[str, str] | None = None,
-    samples: PositionSamples | None = None,
+    samples: "DwellSamples | None" = None,
     ability: HeadAbility | None = None,
 ) -> Diagnosis:
     """Diagnose one data set.

@@ -8,7 +8,7 @@ these cases: the candidates here compete in the diagnosis.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,8 +21,11 @@ from tumblecal.noise import Covariance, Flicker, GaussMarkov, Noise, RandomWalk,
 from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd
 from tumblecal.noise.recorded import RecordedNoise, against_neighbours, recorded_covariance, recordings
-from tumblecal.recordings.reduction.position_samples import PositionSamples, require_samples_of
+from tumblecal.recordings.dwells.samples_of_means import samples_of
 
+
+if TYPE_CHECKING:
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 # A mean this much (sd) noisier than white noise is mostly slow noise.
 _MOSTLY_SLOW = 1.5
@@ -152,28 +155,28 @@ class MeanNoise:
         return " ".join(sentences)
 
 
-def sample_noises(samples: PositionSamples, data: PositionSet) -> list[MeanNoise]:
+def sample_noises(samples: "DwellSamples", data: PositionSet) -> list[MeanNoise]:
     """The noise of position means from their raw samples, one candidate for each way in which the slow noise may continue.
 
     **Arguments:**
 
-    - `samples`: raw samples, by position name. `data`: the means; its times take precedence over those of the samples.
+    - `samples`: of all positions. `data`: the means; its times take precedence over those of the samples.
 
     **Returns:** the candidates; in the first the positions are independent, with the sd of a mean relative to the next.
 
     **Raises:** `InputError` if a position has no samples, or if its mean differs from that of the samples.
     """
-    require_samples_of(samples, data)
-    forces = [samples.force[name] for name in data.names]
+    forces, source = samples_of(samples, data), samples.positions.source
     still = np.median([white_sd(force) for force in forces], axis=0) < LEAST_G
     if np.any(still):
         raise InputError(
-            f"{samples.source}: axis {', '.join(AXES[axis] for axis in np.flatnonzero(still))}: most positions' samples are "
+            f"{source}: axis {', '.join(AXES[axis] for axis in np.flatnonzero(still))}: most positions' samples are "
             "equal, because their resolution is coarser than their noise; the noise cannot be estimated; give --noise-sd"
         )
     counts, times = np.array([len(force) for force in forces], float), _times(samples, data)
+    dwell_s = float(np.median([len(force) for force in samples.force])) / samples.rate_hz
     # Positions without times: any order of independent dwells.
-    order = np.arange(len(forces)) * samples.dwell_s if times is None else times
+    order = np.arange(len(forces)) * dwell_s if times is None else times
     recorded = RecordedNoise.of(forces, samples.rate_hz, float(np.ptp(order)))
     noises = recorded_noises(
         replace(
@@ -184,7 +187,7 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[MeanNoise
             recorded_noise=(recorded.text(),) * len(data),
         )
     )
-    return [replace(noise, source=samples.source, sampled=True) for noise in noises]
+    return [replace(noise, source=source, sampled=True) for noise in noises]
 
 
 def recorded_noises(data: PositionSet) -> list[MeanNoise]:
@@ -244,11 +247,12 @@ def _diagonal(sd: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "3 posi
     return np.array([np.diag(variance) for variance in sd.T**2])
 
 
-def _times(samples: PositionSamples, data: PositionSet) -> np.ndarray | None:
+def _times(samples: "DwellSamples", data: PositionSet) -> np.ndarray | None:
     if data.time_s is not None and np.ptp(data.time_s) > 0:
         return np.asarray(data.time_s, float)
-    if samples.middle_s:
-        return np.array([samples.middle_s[name] for name in data.names])
+    if samples.positions.time_s is not None:
+        middle_s = dict(zip(samples.positions.names, samples.positions.time_s, strict=True))
+        return np.array([middle_s[name] for name in data.names])
     return None
 
 

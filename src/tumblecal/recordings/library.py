@@ -8,10 +8,10 @@ from typing import Any
 
 from tumblecal.data.positions import PositionSet
 from tumblecal.recordings import reading
+from tumblecal.recordings.dwells.file_names import recording_files
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.reduction.file_names import recording_files
-from tumblecal.recordings.reduction.sources import reduced
+from tumblecal.recordings.reduce import reduced
 
 
 def read_recording(path: Path | str, **options: Any) -> Recording:

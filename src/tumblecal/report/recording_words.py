@@ -11,9 +11,8 @@ from tumblecal.ground.gravity import unit_in_g
 
 
 if TYPE_CHECKING:
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
     from tumblecal.recordings.recording import Recording
-    from tumblecal.recordings.reduction.reduce_files import FilesReduction
-    from tumblecal.recordings.reduction.reduce_recording import RecordingReduction
     from tumblecal.recordings.still.stillness import Stillness
 
 
@@ -50,13 +49,13 @@ def layout_words(contents: "Recording") -> Iterator[str]:
     yield from layout.notes
 
 
-def layouts_words(read: Sequence[tuple[object, "Recording"]]) -> Iterator[str]:
-    """The layout of several files: that of the first, then the lines in which others differ, except the mean size."""
-    of_all = list(layout_words(read[0][1]))
+def layouts_words(read: Sequence["Recording"]) -> Iterator[str]:
+    """The layout of several recordings: that of the first, then the lines in which others differ, except the mean size."""
+    of_all = list(layout_words(read[0]))
     yield from of_all
     known = {line.partition(_SIZE)[0] for line in of_all}
-    for name, contents in read[1:]:
-        yield from (f"{name}: {line}" for line in layout_words(contents) if line.partition(_SIZE)[0] not in known)
+    for one in read[1:]:
+        yield from (f"{one.path}: {line}" for line in layout_words(one) if line.partition(_SIZE)[0] not in known)
 
 
 def grouped_lines(lines: Sequence[str]) -> Iterator[str]:
@@ -141,34 +140,24 @@ def interval_words(stillness: "Stillness") -> Iterator[str]:
         yield f"and {len(rejected) - _MOST} more (reduction.json)"
 
 
-def reduction_words(reduction: "RecordingReduction") -> Iterator[str]:
-    """The recording, its still intervals, and their assignment to the plan."""
-    yield from recording_words(reduction.contents)
-    if reduction.stillness is None:
-        return
-    yield from interval_words(reduction.stillness)
-    if reduction.stillness.one_attitude:
-        yield "all still intervals have one orientation: they determine the noise, but no calibration"
-    yield from reduction.match.words() if reduction.match else ()
-
-
-def files_words(reduction: "FilesReduction") -> Iterator[str]:
-    """Several files: contents, differences between them, still intervals, and the relation of their clocks."""
-    yield from layouts_words([(part.file, part.contents) for part in reduction.parts])
-    for part in reduction.parts:
-        about = [*left_out_words(part.contents), *list(rate_words(part.contents))[1:]]
-        yield from (f"{part.file}: {line}" for line in about)
-    rows = sum(part.stop - part.start for part in reduction.parts)
-    yield f"{counted(rows, 'sample')} of {counted(len(reduction.parts), 'file')} at {reduction.table.rate_hz:.6g} Hz"
-    if reduction.stillness is None:
+def reduction_words(dwells: "DwellSamples") -> Iterator[str]:
+    """The recordings, their intervals at rest, and how the positions were found."""
+    read = dwells.read
+    if len(read) == 1:
+        yield from recording_words(read[0]) if dwells.force else layout_words(read[0])
+    elif read:
+        yield from layouts_words(read)
+        for one in read:
+            yield from (f"{one.path}: {line}" for line in (*left_out_words(one), *list(rate_words(one))[1:]))
+        rows = sum(one.rows for one in read)
+        yield f"{counted(rows, 'sample')} of {counted(len(read), 'file')} at {dwells.rate_hz:.6g} Hz"
+    if dwells.stillness is not None:
+        yield from interval_words(dwells.stillness)
+        if dwells.stillness.one_attitude:
+            yield "all still intervals have one orientation: they determine the noise, but no calibration"
+    elif len(read) > 1:
         yield "positions from the columns of the files"
-    else:
-        yield from interval_words(reduction.stillness)
-    if reduction.by_gravity:
-        known = [f"{position.file.name} {position.name}" for position in reduction.positions if position.known]
-        yield f"positions by the direction of gravity: {', '.join(known)}"
-    if reduction.clock_words:
-        yield reduction.clock_words
+    yield from dwells.lines
 
 
 SCHEMA = "tumblecal.import/1"

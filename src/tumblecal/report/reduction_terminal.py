@@ -10,7 +10,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import shortened
 from tumblecal.noise.dwell_sd import white_sd
-from tumblecal.recordings.reduction.reduction import Reduction
+from tumblecal.recordings.reduction import Reduction
 from tumblecal.report.narrow import print_table
 from tumblecal.report.tables import Table
 
@@ -22,14 +22,15 @@ _SHOWN = 8
 
 def print_reduction(reduction: Reduction) -> None:
     """Print a reduction."""
-    console, data, dwells = Console(), reduction.data, reduction.dwells
+    console, data, dwells = Console(), reduction.data, reduction.dwells.force
     print_table(console, _means(data, dwells, both=console.width >= _NARROW))
     for words in unusual_words(reduction):
         console.print(words, highlight=False, markup=False)
     for change in reduction.within:
         console.print(change.words(), highlight=False, markup=False)
-    dwell_s = max(len(dwell) for dwell in dwells) / reduction.rate_hz
-    for axis, words in zip(AXES, reduction.recorded.reported.words(dwell_s), strict=True):
+    dwell_s = max(len(dwell) for dwell in dwells) / reduction.dwells.rate_hz
+    assert reduction.noise is not None
+    for axis, words in zip(AXES, reduction.noise.reported.words(dwell_s), strict=True):
         console.print(f"noise {axis}: {words}", highlight=False)
 
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from tumblecal.recordings.dwells.file_names import recording_files
 from tumblecal.recordings.options import KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.file_names import recording_files
 from tumblecal.recordings.thermal.read_thermal import thermal_reading
 from tumblecal.thermal.result import ThermalResult, thermal_calibration
 

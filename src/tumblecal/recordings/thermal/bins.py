@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import RecordedNoise
+from tumblecal.recordings.dwells.place import angles_of
 from tumblecal.recordings.thermal.branches import Branches, branches_of
 from tumblecal.recordings.thermal.rounding import noise_before_rounding, rounding_sd
 from tumblecal.recordings.thermal.series import ThermalSeries
@@ -47,13 +48,13 @@ def default_width(recordings: Sequence[tuple[ThermalSeries, TemperatureCourse]])
 
 
 def binned(
-    series: ThermalSeries, course: TemperatureCourse, bin_degc: float, name: str, before: int = 0
+    series: ThermalSeries, course: TemperatureCourse, bin_degc: float, before: int = 0
 ) -> tuple[ThermalTable, Branches]:
     """The bins of a recording.
 
     **Arguments:**
 
-    - `name`: of the recording in the labels of branches; `before`: number of earlier branches with this name.
+    - `before`: number of earlier branches of the same recording.
     """
     branches = branches_of(course, bin_degc)
     degc, rate = course.at(series.time_s)
@@ -75,26 +76,28 @@ def binned(
     residuals, slope = _without_slope(series.force, degc, row, readings, warmth, attitude)
     sd, n_eff = _uncertainty(series, residuals, row, blocks)
     sd = np.hypot(sd, slope * _temperature_sd(course, degc, row, series.block_s * blocks.astype(np.float64))[:, None])
-    known = [series.attitudes[k] for k in attitude.tolist()]
-    angles = all(one.alpha_deg is not None for one in known)
-    mounted = all(one.mount for one in known)
+    places = [series.places[k] for k in attitude.tolist()]
+    alpha, beta = angles_of(places)
+    angles = all(place.known for place in places)
+    mounted = all(place.mount for place in places)
     table = ThermalTable(
-        attitude=tuple(one.label for one in known),
+        attitude=tuple(place.name for place in places),
         readings=readings,
         sd=sd,
         n=(blocks * series.size).astype(float),
         temperature_degc=warmth,
         time_s=middle,
         rate_degc_per_s=mean(rate),
-        branch=tuple(branches.label(name, k, before) for k in branches.stretch[cell[first]].tolist()),
+        branch=tuple(branches.label(series.name, k, before) for k in branches.stretch[cell[first]].tolist()),
         direction=branches.direction[cell[first]],
         reached_by=branches.reached_by[cell[first]],
         clock=(series.clock,) * count,
         n_eff=n_eff,
-        alpha_deg=np.array([one.alpha_deg for one in known], float) if angles else None,
-        beta_deg=np.array([one.beta_deg for one in known], float) if angles else None,
-        mount=tuple(one.mount for one in known) if mounted else None,
-        source=series.clock,
+        alpha_deg=alpha if angles else None,
+        beta_deg=beta if angles else None,
+        mount=tuple(place.mount for place in places) if mounted else None,
+        source=str(series.recording.path),
+        comments=series.comments,
     )
     return table.rows(np.argsort(middle, kind="stable")), branches
 

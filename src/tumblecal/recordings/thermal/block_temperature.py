@@ -1,6 +1,5 @@
-"""Temperatures of the blocks of a recording: sums in one pass over its samples, in pieces of any length."""
+"""Temperatures of the blocks of a recording, and faults of its thermometer."""
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -19,45 +18,6 @@ _LONGEST_MISSING_S = 60.0
 _STUCK, _NOISY = 5.0, 0.1
 
 
-class BlockTemperatures:
-    """Sums of the temperatures of blocks; pieces of any length give the same sums.
-
-    **Arguments:**
-
-    - `row` (blocks): first sample of each block. `size`: samples of a block.
-    """
-
-    def __init__(self, row: NDArray[np.int64], size: int):
-        self.row = row
-        self.size = size
-        self.total = np.zeros(len(row))
-        self.known = np.zeros(len(row), int)
-        # The first reading of each block, from which the resolution of the thermometer follows.
-        self.first = np.full(len(row), np.nan)
-
-    def add(self, start: int, degc: NDArray[np.float64]) -> None:
-        """Add the temperatures of the rows from `start` on; NaN where unknown."""
-        low = max(int(np.searchsorted(self.row, start, side="right")) - 1, 0)
-        high = int(np.searchsorted(self.row, start + len(degc)))
-        if low >= high:
-            return
-        rows = np.arange(start, start + len(degc))
-        block = np.searchsorted(self.row[low:high], rows, side="right") - 1
-        inside = (block >= 0) & np.isfinite(degc)
-        inside[inside] &= rows[inside] < self.row[low + block[inside]] + self.size
-        at = block[inside]
-        self.total[low:high] += np.bincount(at, degc[inside], minlength=high - low)
-        self.known[low:high] += np.bincount(at, minlength=high - low)
-        begun = self.row[low:high]
-        here = (begun >= start) & (begun < start + len(degc))
-        self.first[low:high][here] = degc[begun[here] - start]
-
-    @property
-    def mean(self) -> NDArray[np.float64]:
-        """Mean temperature of each block, degC; NaN for a block without one."""
-        return np.where(self.known > 0, self.total / np.maximum(self.known, 1), np.nan)
-
-
 def block_temperatures(
     path: Path, samples: Path, blocks: SignalBlocks
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -65,35 +25,35 @@ def block_temperatures(
 
     **Arguments:**
 
-    - `path`: the recording, for faults. `samples`: its table of samples.
+    - `path`: the recording, for faults. `samples`: its table of samples, read once, in pieces.
 
     **Raises:** `InputError` for temperatures in kelvin, and for impossible ones.
     """
-    return temperatures_of(path, blocks, (piece[:, 0] for _, piece in pieces_of(samples, [COLUMN])))
-
-
-def temperatures_of(
-    path: Path, blocks: SignalBlocks, pieces: Iterable[NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """As `block_temperatures`, from the temperatures of all rows in pieces."""
-    sums = BlockTemperatures(blocks.row, blocks.size)
-    start = 0
-    for degc in pieces:
-        sums.add(start, degc)
-        start += len(degc)
-    mean = sums.mean
-    known = np.flatnonzero(np.isfinite(mean))
-    if not len(known):
+    total, known, first = np.zeros(len(blocks)), np.zeros(len(blocks), int), np.full(len(blocks), np.nan)
+    for start, piece in pieces_of(samples, [COLUMN]):
+        degc, rows = piece[:, 0], np.arange(start, start + len(piece))
+        low = max(int(np.searchsorted(blocks.row, start, side="right")) - 1, 0)
+        at = np.searchsorted(blocks.row[low:], rows, side="right") - 1
+        place = rows - blocks.row[low + np.maximum(at, 0)]
+        inside = (at >= 0) & (place < blocks.size) & np.isfinite(degc)
+        sums = np.bincount(at[inside], degc[inside])
+        total[low : low + len(sums)] += sums
+        known[low : low + len(sums)] += np.bincount(at[inside], minlength=len(sums))
+        begun = (at >= 0) & (place == 0)
+        first[low + at[begun]] = degc[begun]
+    mean = np.where(known > 0, total / np.maximum(known, 1), np.nan)
+    measured = np.flatnonzero(known)
+    if not len(measured):
         raise InputError(f"{path}: no temperature is a number; give the column by --columns temperature=...")
-    mean[known] = without_single_outliers(mean[known, None])[0][:, 0]
-    if are_kelvin(mean[known]):
+    mean[measured] = without_single_outliers(mean[measured, None])[0][:, 0]
+    if are_kelvin(mean[measured]):
         raise InputError(
-            f"{path}: temperatures {mean[known].min():.4g} to {mean[known].max():.4g} are in kelvin; write degC, or give a "
-            "column in degC by --columns temperature=..."
+            f"{path}: temperatures {mean[measured].min():.4g} to {mean[measured].max():.4g} are in kelvin; write degC, or give "
+            "a column in degC by --columns temperature=..."
         )
-    for at, fault in temperature_faults(mean[known]):
-        raise InputError(f"{path}:row {int(blocks.row[known[at]]) + 1}: temperature {fault}")
-    return mean, sums.first
+    for at, fault in temperature_faults(mean[measured]):
+        raise InputError(f"{path}:row {int(blocks.row[measured[at]]) + 1}: temperature {fault}")
+    return mean, first
 
 
 def stuck_readings(first: NDArray[np.float64]) -> tuple[int, int] | None:

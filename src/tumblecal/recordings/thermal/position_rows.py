@@ -19,8 +19,7 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soak_numbers
 from tumblecal.recordings.options import KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.reduce import reduce
-from tumblecal.recordings.reduction.reduce_recording import means_of
+from tumblecal.recordings.reduce import reduced
 from tumblecal.recordings.thermal.attitudes import grouped
 from tumblecal.recordings.thermal.branches import stretches_of_temperature, threshold_of, with_soaks
 from tumblecal.recordings.thermal.thermal_table import ThermalTable, joined
@@ -60,9 +59,9 @@ def positions_of(
     samples of a recording.
     """
     if path.is_dir():
-        data = reduce(path).data
+        data = reduced([path]).data
     elif context.means and (options != RecordingOptions() or "position" not in _columns(path)):
-        data = means_of(path, context, options)[0]
+        data = reduced([path], replace(context, table=None), options).data
     else:
         data = read_positions(path)
     labels = {name: (text,) * len(data) for name in ("run", "mount") if (text := getattr(context, name))}

@@ -1,7 +1,7 @@
 """A recording of any format as blocks over temperature: its samples, intervals at rest, temperatures and attitudes."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,18 +15,18 @@ from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
 from tumblecal.recordings.clock import LONGEST_STEP_S
+from tumblecal.recordings.dwells.dwell_samples import stated_comments
+from tumblecal.recordings.dwells.place import Place
+from tumblecal.recordings.dwells.rest import check_still, stillness_of
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.reading import read_recording
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.reduction.file_positions import FilePosition
-from tumblecal.recordings.reduction.means_at_rest import check_still, stillness_of
-from tumblecal.recordings.reduction.reduce_recording import stated_comments
 from tumblecal.recordings.still.intervals import Interval, blocks_of_interval
 from tumblecal.recordings.still.stillness import Stillness
 from tumblecal.recordings.thermal.attitudes import attitudes_of_intervals, grouped
 from tumblecal.recordings.thermal.block_temperature import block_temperatures, stuck_readings, without_short_gaps
-from tumblecal.recordings.thermal.series import Attitude, RecordingSeries, ThermalSeries
+from tumblecal.recordings.thermal.series import ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import resolution_of
 from tumblecal.recordings.thermal.steps import Step, steps_of
 
@@ -50,9 +50,9 @@ def read_series(
     known: tuple[KnownContext, CapturePlan | None],
     options: RecordingOptions,
     criterion: Criterion,
-    of_file: FilePosition | None,
-) -> RecordingSeries:
-    """Read a recording.
+    of_file: Place | None,
+) -> tuple[list[ThermalSeries], list[str]]:
+    """Read a recording: its blocks, in parts between restarts of the clock and steps, and warnings.
 
     **Arguments:**
 
@@ -64,10 +64,10 @@ def read_series(
     context, plan = known
     with scratch_folder(path) as folder:
         samples = folder / "samples.parquet"
-        contents = read_recording(path, samples, options, by=context.by, in_g=True)
-        with guessed(contents.layout.notes):
-            _check_columns(path, contents)
-            rate_hz = contents.slow_hz or contents.rate_hz
+        recording = read_recording(path, samples, options, by=context.by, in_g=True)
+        with guessed(recording.layout.notes):
+            _check_columns(path, recording)
+            rate_hz = recording.slow_hz or recording.rate_hz
             assert rate_hz is not None
             stillness = stillness_of(samples, rate_hz, criterion, plan)
             comments = stated_comments(samples, path, plan, hand_held=plan is None and of_file is None)
@@ -80,33 +80,28 @@ def read_series(
                 check_still(path, stillness, to_g)
             degc, first = block_temperatures(path, samples, stillness.blocks)
             means = to_g * np.array([interval.mean for interval in stillness.used])
-            index, attitudes, warnings = attitudes_of_intervals(samples, stillness.used, means, context, plan, of_file)
+            index, places, warnings = attitudes_of_intervals(samples, stillness.used, means, known, of_file)
             if (index < 0).all():
                 raise InputError(f"{path}: no interval at rest is a position of the plan; check mount_rotation_deg")
             steps = steps_of(stillness.blocks, first, to_g)
-            index, attitudes = apart_at_steps(stillness, index, attitudes, steps)
-            parts, more = series_of(name, stillness, (index, tuple(attitudes)), (degc, first), to_g, steps)
+            index, places = apart_at_steps(stillness, index, places, steps)
+            comments |= recording.clock_comments
+            source = (name, recording, comments)
+            parts, more = series_of(source, stillness, (index, tuple(places)), (degc, first), to_g, steps)
             if not parts:
                 raise InputError(
                     f"{path}: no interval at rest has a temperature; give the column by --columns temperature=..."
                 )
-    return RecordingSeries(
-        path,
-        name,
-        contents,
-        comments | contents.clock_comments,
-        parts,
-        (*slow, *_rejected(stillness), *warnings, *more),
-    )
+    return parts, [*slow, *_rejected(stillness), *warnings, *more]
 
 
-def _check_columns(path: Path, contents: Recording) -> None:
-    column = contents.layout.columns.get("temperature")
+def _check_columns(path: Path, recording: Recording) -> None:
+    column = recording.layout.columns.get("temperature")
     if column is None:
-        raise InputError(f"{path}: {_no_temperature(contents.table.columns)}")
+        raise InputError(f"{path}: {_no_temperature(recording.table.columns)}")
     if _NOT_DEGC.search(column.name):
         raise InputError(f"{path}: {_other_unit(column.name)}")
-    if (contents.slow_hz or contents.rate_hz) is None:
+    if (recording.slow_hz or recording.rate_hz) is None:
         raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=.... {_MEANS}")
 
 
@@ -158,21 +153,23 @@ def _rejected(stillness: Stillness) -> list[str]:
 
 
 def series_of(
-    name: str,
+    source: tuple[str, Recording, Mapping[str, str]],
     stillness: Stillness,
-    known: tuple[NDArray[np.int64], tuple[Attitude, ...]],
+    known: tuple[NDArray[np.int64], tuple[Place, ...]],
     temperatures: tuple[NDArray[np.float64], NDArray[np.float64]],
     to_g: float,
     steps: Sequence[Step] = (),
-) -> tuple[tuple[ThermalSeries, ...], list[str]]:
+) -> tuple[list[ThermalSeries], list[str]]:
     """The blocks of the used intervals, in parts between restarts of the clock and steps, and warnings.
 
     **Arguments:**
 
-    - `known`: attitude of each used interval, -1 for none, and the attitudes. `to_g`: unit of the blocks, g.
+    - `source`: name of the recording in labels, the recording, and comments.
+    - `known`: attitude of each used interval, -1 for none, and the positions. `to_g`: unit of the blocks, g.
     - `temperatures`: mean of each block, and its first reading, degC.
     """
-    blocks, (index, attitudes), (degc, first) = stillness.blocks, known, temperatures
+    (name, recording, comments), blocks = source, stillness.blocks
+    (index, places), (degc, first) = known, temperatures
     visit, of_visit = _visits(stillness, index)
     middle = blocks.start_s + (blocks.size - 1) / 2 / blocks.rate_hz
     restarts = np.flatnonzero(np.diff(middle) < 0) + 1
@@ -192,7 +189,10 @@ def series_of(
             continue
         parts.append(
             ThermalSeries(
+                name=name,
                 clock=f"{name} (clock {len(parts) + 1})" if parts else name,
+                recording=recording,
+                comments=comments,
                 block_s=blocks.size / blocks.rate_hz,
                 size=blocks.size,
                 time_s=middle[part][used],
@@ -200,7 +200,7 @@ def series_of(
                 squares=to_g**2 * blocks.squares[part, :3][used],
                 visit=visit[part][used],
                 attitude=of_visit,
-                attitudes=attitudes,
+                places=places,
                 quantum=to_g * blocks.quantum[:3],
                 course_time_s=middle[part][recorded],
                 course_degc=filled[recorded],
@@ -216,23 +216,23 @@ def series_of(
             f"the thermometer shows exactly {first[run[0]]:.6g} degC from {start_s:.0f} s to {stop_s:.0f} s, without the noise "
             "of other times: it may be stuck; cut this part out"
         )
-    return tuple(parts), lines
+    return parts, lines
 
 
 def apart_at_steps(
-    stillness: Stillness, index: NDArray[np.int64], attitudes: Sequence[Attitude], steps: Sequence[Step]
-) -> tuple[NDArray[np.int64], list[Attitude]]:
+    stillness: Stillness, index: NDArray[np.int64], places: Sequence[Place], steps: Sequence[Step]
+) -> tuple[NDArray[np.int64], list[Place]]:
     """Attitudes of the intervals with a separate one after each step: its jump is then no change with temperature."""
     times = stillness.blocks.start_s[[step.block for step in steps]] if steps else np.zeros(0)
     part = np.searchsorted(times, [interval.start_s for interval in stillness.used], side="right")
     keys = [(int(at), int(number)) for at, number in zip(index, part, strict=True)]
-    places = [key for key in dict.fromkeys(keys) if key[0] >= 0]
+    apart = [key for key in dict.fromkeys(keys) if key[0] >= 0]
     first = int(part.min(initial=len(steps)))
     divided = [
-        replace(attitudes[at], label=attitudes[at].label + (f" after {times[n - 1]:.0f} s" if n > first else ""))
-        for at, n in places
+        replace(places[at], name=places[at].name + (f" after {times[n - 1]:.0f} s" if n > first else ""))
+        for at, n in apart
     ]
-    return np.array([places.index(key) if key[0] >= 0 else -1 for key in keys], int), divided
+    return np.array([apart.index(key) if key[0] >= 0 else -1 for key in keys], int), divided
 
 
 def _visits(stillness: Stillness, index: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,5 +1,6 @@
 """Recordings over temperature of any format as one table of bins."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,15 +11,17 @@ from tumblecal.capture.capture_plan import read_plan
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.dwells.file_places import places_by_table
+from tumblecal.recordings.dwells.join import notes_of
+from tumblecal.recordings.dwells.place import Place
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.reduction.file_positions import FilePosition, positions_by_table
 from tumblecal.recordings.thermal.attitudes import labelled
 from tumblecal.recordings.thermal.bins import BINS, binned, course_of, default_width
 from tumblecal.recordings.thermal.branches import Branches
 from tumblecal.recordings.thermal.position_rows import are_positions, positions_of, rows_of_positions
-from tumblecal.recordings.thermal.read_series import RecordingSeries, read_series
+from tumblecal.recordings.thermal.read_series import read_series
 from tumblecal.recordings.thermal.series import ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import TemperatureCourse
 from tumblecal.recordings.thermal.thermal_table import ThermalTable, joined
@@ -37,7 +40,7 @@ class ThermalReading:
     """A table with its origin: contents of each recording (`read`), findings in words, and warnings for each file."""
 
     table: ThermalTable
-    read: tuple[tuple[str, Recording], ...]
+    read: tuple[Recording, ...]
     lines: tuple[str, ...]
     warnings: tuple[tuple[str, list[str]], ...]
 
@@ -70,19 +73,21 @@ def thermal_reading(
     if bin_degc is not None and not bin_degc > 0:
         raise InputError(f"width of the bins, {bin_degc:g} degC: it must be above 0")
     plan = None if context.plan is None else read_plan(context.plan)
-    of_file: dict[Path, FilePosition] = {}
+    of_file: dict[Path, Place] = {}
     if context.table is not None:
-        of_file = dict(zip(paths, positions_by_table(paths, context.table, plan).files, strict=True))
+        of_file = dict(zip(paths, places_by_table(paths, context.table, plan).places, strict=True))
     names = names_of_files(paths)
-    recordings, means, faults = list[RecordingSeries](), list[tuple[str, PositionSet]](), list[str]()
-    notes = list[str]()
+    series, means = list[ThermalSeries](), list[tuple[str, PositionSet]]()
+    faults, notes, warnings = list[str](), list[str](), list[tuple[str, list[str]]]()
     for path, name in zip(paths, names, strict=True):
         report(str(path))
         try:
             if are_positions(path, context, stated=noise_sd is not None):
                 means.append((name, positions_of(path, context, options, noise_sd)))
             else:
-                recordings.append(read_series(path, name, (context, plan), options, criterion, of_file.get(path)))
+                parts, lines = read_series(path, name, (context, plan), options, criterion, of_file.get(path))
+                series += parts
+                warnings.append((str(path), [*parts[0].recording.damage.lines, *lines]))
         except InputError as fault:
             faults += fault.faults
             notes += getattr(fault, "__notes__", [])
@@ -94,10 +99,11 @@ def thermal_reading(
             f"--noise-sd is for position files; {paths[0]} is a recording of samples, whose noise is measured: remove the "
             "option, or give --means if each row is the mean of a position"
         )
-    recordings = labelled(recordings, same=same_attitude)
-    guesses = [line for one in recordings for line in one.contents.layout.notes]
-    with guessed(guesses):
-        return _table(recordings, means, bin_degc, same=same_attitude)
+    read = tuple({id(one.recording): one.recording for one in series}.values())
+    with guessed(notes_of(read)):
+        table, lines, tables = _table(labelled(series, same=same_attitude), means, bin_degc, same=same_attitude)
+    warnings += [(one.source, _unusual(one)) for one in tables if one.range_degc[1] > _UNUSUAL_DEGC]
+    return ThermalReading(table, read, tuple(lines), tuple(warnings))
 
 
 def names_of_files(paths: Sequence[Path]) -> list[str]:
@@ -107,39 +113,33 @@ def names_of_files(paths: Sequence[Path]) -> list[str]:
 
 
 def _table(
-    recordings: Sequence[RecordingSeries],
+    series: Sequence[ThermalSeries],
     means: Sequence[tuple[str, PositionSet]],
     bin_degc: float | None,
     *,
     same: bool,
-) -> ThermalReading:
-    series = [(one, part) for one in recordings for part in one.parts]
-    courses = [course_of(part) for _, part in series]
-    width = bin_degc
-    if width is None and series:
-        width = default_width([(part, course) for (_, part), course in zip(series, courses, strict=True)])
-    tables, lines = list[ThermalTable](), list[str]()
-    before: dict[str, int] = {}
-    for (recording, part), course in zip(series, courses, strict=True):
+) -> tuple[ThermalTable, list[str], list[ThermalTable]]:
+    """The rows of all sources, findings in words, and the rows of each source."""
+    courses = [course_of(one) for one in series]
+    width = bin_degc if bin_degc or not series else default_width(list(zip(series, courses, strict=True)))
+    tables, lines, before = list[ThermalTable](), list[str](), Counter[str]()
+    for one, course in zip(series, courses, strict=True):
         assert width is not None
-        table, branches = binned(part, course, width, recording.name, before.get(recording.name, 0))
-        before[recording.name] = before.get(recording.name, 0) + len(branches.sign)
-        tables.append(replace(table, comments=recording.comments, source=str(recording.path)))
-        lines += _words(part, course, branches, table, width)
+        table, branches = binned(one, course, width, before[one.name])
+        before[one.name] += len(branches.sign)
+        tables.append(table)
+        lines += _words(one, course, branches, table, width)
     # As for recordings, one width for all: the temperatures of a soak are not those of a ramp.
     degc = [value for _, data in means for value in np.array(data.temperature_degc, float)]
     of_means = bin_degc or max(float(np.ptp(degc or [0.0])) / BINS, 1e-6)
+    several = len(means) + len(before) > 1
     for name, data in means:
-        tables.append(rows_of_positions(data, name, of_means, own=len(means) + len(recordings) > 1 and not same))
+        tables.append(rows_of_positions(data, name, of_means, own=several and not same))
         lines.append(f"{name}: {counted(len(data), 'position mean')}")
     source = tables[0].source + (f" and {len(tables) - 1} more" if len(tables) > 1 else "")
-    files = tuple(dict.fromkeys(one.source for one in tables))
-    table = replace(joined(tables, source), files=files)
+    table = replace(joined(tables, source), files=tuple(dict.fromkeys(one.source for one in tables)))
     _check_range(table, courses)
-    read = tuple((str(one.path), one.contents) for one in recordings)
-    warnings = tuple((str(one.path), [*one.contents.damage.lines, *one.warnings]) for one in recordings)
-    warnings += tuple((one.source, _unusual(one)) for one in tables if one.range_degc[1] > _UNUSUAL_DEGC)
-    return ThermalReading(table, read, tuple(lines), warnings)
+    return table, lines, tables
 
 
 def _unusual(table: ThermalTable) -> list[str]:

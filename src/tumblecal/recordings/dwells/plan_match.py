@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.capture_plan import CapturePlan, names_of
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.data.gravity_size import sphere_of
 from tumblecal.recordings.still.rough_sensor import rough_sensor
 
@@ -182,13 +182,3 @@ def _without_bias(
     if np.linalg.cond(solution[:3]) > 3:
         return None
     return (readings - solution[3]) @ np.linalg.inv(solution[:3])
-
-
-def in_plan(match: PlanMatch, plan: CapturePlan) -> tuple[tuple[str, ...], NDArray, NDArray, NDArray | None]:
-    """Names, alpha and beta (deg) and, if the plan has it, approach of the intervals that are positions of the plan."""
-    steps = [plan.steps[k] for k in match.positions if k >= 0]
-    approach = None
-    if all(step.approach is not None for step in steps):
-        approach = np.array([step.approach for step in steps], float)
-    alpha, beta = np.array([s.alpha_deg for s in steps], float), np.array([s.beta_deg for s in steps], float)
-    return names_of([str(step.name) for step in steps]), alpha, beta, approach

@@ -1,0 +1,1 @@
+"""The dwells of a measurement: samples by position, from captures, columns, rest, files or means."""

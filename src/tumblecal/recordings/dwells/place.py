@@ -1,0 +1,88 @@
+"""The position of a dwell: from a plan, a table of files, or unknown; and rows of positions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.capture_plan import CapturePlan, names_of
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.positions import PositionSet, attitudes_of
+from tumblecal.recordings.options import KnownContext
+
+
+@dataclass(frozen=True)
+class Place:
+    """Name of a position; angles in deg, None if unknown; approach; labels of run and mounting; index in the plan."""
+
+    name: str
+    alpha_deg: float | None = None
+    beta_deg: float | None = None
+    approach: float | None = None
+    run: str = ""
+    mount: str = ""
+    step: int | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether its angles are known."""
+        return self.alpha_deg is not None
+
+    def at_step(self, plan: CapturePlan, step: int) -> "Place":
+        """This place as a position of a plan."""
+        at = plan.steps[step]
+        angles = {"alpha_deg": float(at.alpha_deg), "beta_deg": float(at.beta_deg)}
+        return replace(self, name=str(at.name), approach=at.approach, step=step, **angles)
+
+
+def angles_of(places: Sequence[Place]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Alpha and beta of places, deg; NaN if unknown."""
+    alpha, beta = ([getattr(place, name) for place in places] for name in ("alpha_deg", "beta_deg"))
+    return np.array(alpha, float), np.array(beta, float)
+
+
+def position_set(
+    source: str,
+    readings: NDArray[np.float64],
+    places: Sequence[Place],
+    comments: Mapping[str, str],
+    known: tuple[KnownContext, CapturePlan | None],
+    **columns: Any,
+) -> PositionSet:
+    """Readings (positions, 3) in g at these places.
+
+    With the comment of unknown attitudes, the readings give approximate angles. Labels of a place precede those of the options
+    and of the plan, `known`. `columns`: further columns of the set.
+    """
+    alpha, beta = angles_of(places)
+    hand_held = comments.get(ATTITUDES) == UNKNOWN
+    if hand_held:
+        alpha, beta = attitudes_of(readings)
+    approaches = [place.approach for place in places]
+    labels = labels_of_rows(known, len(places))
+    for name, usual in labels.items():
+        stated = tuple(getattr(place, name) for place in places)
+        if any(stated):
+            labels[name] = tuple(a or b for a, b in zip(stated, usual or ("1",) * len(places), strict=True))
+    return PositionSet(
+        names_of([place.name for place in places]),
+        alpha,
+        beta,
+        readings,
+        approach=None if hand_held or None in approaches else np.array(approaches, float),
+        comments=dict(comments),
+        source=source,
+        **labels,
+        **columns,
+    )
+
+
+def labels_of_rows(known: tuple[KnownContext, CapturePlan | None], count: int) -> dict[str, tuple[str, ...] | None]:
+    """Run and mount of all rows: from the options, otherwise from the plan; None for "1"."""
+    context, plan = known
+    labels = {
+        name: getattr(context, name) or (getattr(plan.session, name) if plan else "1") for name in ("run", "mount")
+    }
+    return {name: (label,) * count if label != "1" else None for name, label in labels.items()}

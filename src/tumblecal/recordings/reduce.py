@@ -1,0 +1,142 @@
+"""Positions from recordings of any form: captures, tables with positions, logs at rest, several files, tables of means."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
+from tumblecal.data.raw import column_names, read_raw
+from tumblecal.ground.atomic import scratch_folder
+from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.errors import InputError
+from tumblecal.recordings.dwells.by_columns import dwells_by_columns, table_with_plan
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples
+from tumblecal.recordings.dwells.file_places import FilePlaces, places_by_names, places_by_table
+from tumblecal.recordings.dwells.join import joined, notes_of
+from tumblecal.recordings.dwells.means import means_of
+from tumblecal.recordings.dwells.rest import dwells_at_rest
+from tumblecal.recordings.guesses import guessed
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.reduction import Reduction, reduction_of
+
+
+_QUESTION = (
+    "state how to find its positions: --static finds intervals at rest with unknown attitudes (hand-held), --plan PLAN.toml "
+    "those of a plan, --by COLUMN goes by a column; --means takes each row for a mean"
+)
+
+
+def reduced(
+    files: Sequence[Path],
+    context: KnownContext = KnownContext(),
+    options: RecordingOptions = RecordingOptions(),
+    criterion: Criterion = Criterion(),
+) -> Reduction:
+    """Reduce one recording, or several files of one.
+
+    **Arguments:**
+
+    - `files`: the folder of a capture, a table of samples with positions, or recordings of any format.
+    - `context`: positions, run and mounting. `options`: columns and units. `criterion`: for an interval at rest.
+
+    **Raises:** `InputError` for a recording that cannot be read, or from which no positions follow; `NothingStill` without an
+    interval at rest.
+
+    **Example:** `reduced([Path("log.csv")], KnownContext(static=True)).data.readings`
+    """
+    with single_blas_thread():
+        return reduction_of(replace(dwells_of(files, context, options, criterion), files=tuple(files)))
+
+
+def dwells_of(
+    files: Sequence[Path], context: KnownContext, options: RecordingOptions, criterion: Criterion
+) -> DwellSamples:
+    """The dwells of one recording, or several files of one.
+
+    **Arguments, raises:** as `reduced`.
+    """
+    if context.static and context.plan:
+        raise InputError(
+            "--static states that the attitudes are unknown, --plan states them; give only one of these options"
+        )
+    known = context, None if context.plan is None else read_plan(context.plan)
+    path, usual = files[0], options == RecordingOptions()
+    if len(files) > 1 or context.table is not None:
+        if context.means:
+            raise InputError(
+                f"{path}: --means needs one table with one row for each position, but {len(files)} files are given"
+            )
+        places = _places(files, known)
+        with guessed(places.words()):
+            found = _of_recordings(files, places, known, options, criterion)
+        return replace(found, lines=(*places.words(), *found.lines))
+    if usual and (path / JOURNAL_NAME).is_file() and context == KnownContext(run=context.run, mount=context.mount):
+        from tumblecal.recordings.dwells.captured import captured_dwells  # imports the protocols
+
+        return captured_dwells(path, context)
+    if context.means:
+        return means_of(path, known, options)
+    if usual and context == KnownContext() and _is_table(path):
+        return dwells_by_columns(read_raw(path), sha256_of(path)[:16])
+    return _of_recordings(files, None, known, options, criterion)
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file has the columns of a table of this program, so that its faults are named by these columns."""
+    if not path.is_file() or path.suffix not in (".csv", ".parquet"):
+        return False
+    names = column_names(path)
+    return not names or not {"ax_g", "ax_mg", "ax_ms2", "position"}.isdisjoint(names)
+
+
+def _places(files: Sequence[Path], known: tuple[KnownContext, CapturePlan | None]) -> FilePlaces:
+    context, plan = known
+    if context.table is not None:
+        return places_by_table(files, context.table, plan)
+    places = places_by_names(files, None if context.by else plan, hand_held=context.static)
+    return replace(places, by="") if context.by else places
+
+
+def _of_recordings(
+    files: Sequence[Path],
+    places: FilePlaces | None,
+    known: tuple[KnownContext, CapturePlan | None],
+    options: RecordingOptions,
+    criterion: Criterion,
+) -> DwellSamples:
+    """The dwells of files as one recording: by a column, otherwise by rest."""
+    context, plan = known
+    with scratch_folder(files[0]) as folder:
+        table = joined(files, folder, options, context.by)
+        recordings = table.recordings
+        with guessed(notes_of(recordings)):
+            named = {"position", "alpha_deg"} & set(recordings[0].frame().collect_schema())
+            if context.by or (named and not context.static and plan is None and context.table is None):
+                clock = recordings[0].clock_comments if places is None else {}
+                found = dwells_by_columns(table_with_plan(table.samples, table.source, known, clock), table.identifier)
+            elif plan is None and not context.static and places is None:
+                raise InputError(f"{table.source}: {_QUESTION}")
+            else:
+                if places is not None:
+                    places = replace(places, places=tuple(places.places[k] for k in table.order))
+                found = dwells_at_rest(table, places, known, criterion)
+    data, words = table.with_clocks(found.positions)
+    entries = recordings[0].entries
+    if places is not None:
+        parts = zip(recordings, pairwise(table.edges), table.bases_s, places.places, strict=True)
+        listed = [
+            {"file": str(one.path), "position": place.name, "rows": stop - start, "starts_at_s": base} | one.entries
+            for one, (start, stop), base, place in parts
+        ]
+        entries = {"files": listed, "clocks": words}
+    return replace(
+        found,
+        positions=data,
+        time_s=found.positions.time_s,
+        entries=entries | dict(found.entries),
+        read=recordings,
+        warnings=(*((str(one.path), one.damage.lines) for one in recordings), *found.warnings),
+        lines=(*found.lines, *filter(None, [words])),
+    )

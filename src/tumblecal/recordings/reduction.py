@@ -1,0 +1,118 @@
+"""Means of dwells with standard deviations, checks and noise, for every kind of source, and their files.
+
+The standard deviation of a mean comes from the coloured noise: an average over the noise models that the dwells allow, with
+the closed form for means. sd / sqrt(n) would be too small. The noise that neighbouring means share is written with it.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.data.files import write_positions
+from tumblecal.data.positions import PositionSet
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.axes import AXES
+from tumblecal.noise.allan import averaging_factors, overlapping_allan
+from tumblecal.noise.allan_fit import quantisation_and_misfit
+from tumblecal.noise.dwell_fit import ordinary_dwells
+from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
+from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
+from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, without_common_change
+from tumblecal.recordings.dwells.axis_checks import require_axes_answer
+from tumblecal.recordings.dwells.dwell_checks import DwellChecks, check_dwell
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Positions with their uncertainties.
+
+    - `data`: the means. `dwells`: their samples, with the evidence.
+    - `checks`: of each dwell. `noise`: that of the samples; None if the source has means only.
+    - `within`: changes that all dwells share. `quiet`: the samples of each dwell without these, with the same mean.
+    """
+
+    data: PositionSet
+    dwells: DwellSamples
+    checks: Sequence[DwellChecks] = ()
+    noise: RecordedNoise | None = None
+    within: tuple[WithinDwells, ...] = ()
+    quiet: Sequence[NDArray[np.float64]] = ()
+
+
+def reduction_of(dwells: DwellSamples) -> Reduction:
+    """The means of dwells with their standard deviations, noise and checks; those of a source of means as they are.
+
+    **Raises:** `InputError` for an axis that does not respond to gravity.
+    """
+    data, rate_hz = dwells.positions, dwells.rate_hz
+    if not dwells.force:
+        return Reduction(data, dwells)
+    time_s = data.time_s if dwells.time_s is None else dwells.time_s
+    assert time_s is not None
+    require_axes_answer(data.source, dwells.force)
+    # A change that all dwells share is not noise: it is removed before the noise is estimated.
+    quiet, within = without_common_change(dwells.force, rate_hz, dwells.temperatures)
+    noise = RecordedNoise.of(quiet, rate_hz, float(np.ptp(time_s)), dwells.recording)
+    sd = sd_of_means(noise, quiet, time_s)
+    numbers = dwells.counted or [{}] * len(quiet)
+    checks = [check_dwell(dwell, rate_hz, row, **counts) for dwell, row, counts in zip(quiet, sd, numbers, strict=True)]
+    comments = data.comments | {NOISE_MODEL: noise.text()} | within_dwells_comments(within)
+    data = replace(data, sd=sd, recorded_noise=(noise.text(),) * len(data), comments=comments)
+    return Reduction(data, dwells, checks, noise, within, quiet)
+
+
+def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
+    """Write positions.csv, positions.parquet and, unless the source has means only, reduction.json into a folder."""
+    paths = [folder / "positions.csv", folder / "positions.parquet"]
+    for path in paths:
+        write_positions(path, reduction.data)
+    data, dwells, noise = reduction.data, reduction.dwells, reduction.noise
+    if noise is None or data.sd is None:
+        return paths
+    more = dwells.dwell_entries or [{}] * len(data)
+    content = {
+        "schema": "tumblecal.reduction/1",
+        "rate_hz": dwells.rate_hz,
+        "noise_model": json.loads(noise.text()),
+        "within_dwells": [change.as_dict() | {"words": change.words()} for change in reduction.within],
+        **dwells.entries,
+        "axes": _axes(reduction, noise),
+        "positions": [
+            {
+                "name": name,
+                **entries,
+                "n": len(force),
+                "mean_g": force.mean(0).tolist(),
+                "sd_of_mean_g": sd.tolist(),
+                "batch_means_sd_g": batch_means_sd(force).tolist(),
+                "white_noise_sd_g": white_sd(force).tolist(),
+                "checks": checks.as_dict(),
+            }
+            for name, entries, force, sd, checks in zip(
+                data.names, more, reduction.quiet, data.sd, reduction.checks, strict=True
+            )
+        ],
+    }
+    path = folder / "reduction.json"
+    write_text(path, json.dumps(content, indent=1) + "\n")
+    return [*paths, path]
+
+
+def _axes(reduction: Reduction, noise: RecordedNoise) -> dict[str, object]:
+    """Noise coefficients and Allan deviation of each axis, for a file."""
+    factors = averaging_factors(max(map(len, reduction.quiet)), per_octave=2)
+    calm, reported = ordinary_dwells(list(reduction.quiet)), noise.reported
+    axes = {}
+    for axis, (letter, coefficients) in enumerate(zip(AXES, reported.coefficients(), strict=True)):
+        allan = overlapping_allan([force[:, axis] for force in calm], reduction.dwells.rate_hz, factors)
+        curve = {"deviation_g": allan.deviation, "low_g": allan.low, "high_g": allan.high}
+        axes[letter] = {
+            "noise": {**coefficients, **quantisation_and_misfit(allan, reported, axis)},
+            "allan": {"tau_s": allan.tau_s.tolist()} | {name: values.tolist() for name, values in curve.items()},
+        }
+    return axes

@@ -1,1 +1,0 @@
-"""Reduction to position means: of captures, tables and recordings of one or several files."""
