@@ -106,7 +106,7 @@ class Guide:
     @property
     def still(self) -> bool:
         """Whether the head is at rest."""
-        return self.watch.still(self._still_g)
+        return self.watch.blocks.still(self._still_g)
 
     def take(self, part: Arrived) -> None:
         """Continue with new samples."""
@@ -184,7 +184,7 @@ class Guide:
                 self._bell()
             case "reopened" | "data_again":
                 self._line_alarm = ""
-                self.watch.forget_unfinished()
+                self.watch.blocks.forget_unfinished()
                 self.identity.interrupted(notice, self.plan.port.speed)
             case "suspended":
                 self._restart("the computer slept: this position restarts")
@@ -252,12 +252,12 @@ class Guide:
             if fresh and not self.still:
                 self.phase, self.watch.moved, self._position_alarm = Phase.TURN, True, ""
             elif fresh and self.phase == Phase.SETTLING:
-                self.settled_s += fresh * self.watch.size / self.rate_hz
+                self.settled_s += fresh * self.watch.blocks.size / self.rate_hz
             elif fresh and self._arrived(position):
                 self.phase, self.settled_s, self._position_alarm = Phase.SETTLING, 0.0, ""
 
     def _verdict(self, position: int) -> Verdict:
-        return judge(self.plan, position, self.watch.mean_g[-1], self._previous)
+        return judge(self.plan, position, self.watch.blocks.mean_g[-1], self._previous)
 
     def _arrived(self, position: int) -> bool:
         """Whether the head, at rest, is at the position; a mistake is reported once."""
@@ -271,7 +271,7 @@ class Guide:
 
     def _accept_as_is(self) -> None:
         """The operator accepts the position; the first time, a head that was not turned is reported."""
-        verdict = self._verdict(self.position) if len(self.watch.mean_g) else Verdict("", "", 0.0)
+        verdict = self._verdict(self.position) if len(self.watch.blocks.mean_g) else Verdict("", "", 0.0)
         if verdict.fault == NOT_TURNED and not self._position_alarm:
             self._mistaken(verdict)
         else:

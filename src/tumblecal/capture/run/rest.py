@@ -90,36 +90,35 @@ class Blocks:
         return Stationarity(np.flatnonzero(outlier.any(1)).tolist(), creep, line, tilt_arcsec)
 
 
-class HeadWatch(Blocks):
+class HeadWatch:
     """Watches the stream between and during recordings.
 
     **Arguments:**
 
     - `rate_hz`: sample rate. `to_local_g`: factor from standard g to local g.
 
-    `moved`: whether the head moved since this was last set to False.
+    `blocks`: the last two. `moved`: whether the head moved since this was last set to False.
     """
 
+    blocks: Blocks
     moved: bool
 
     def __init__(self, rate_hz: float, to_local_g: float):
-        super().__init__(rate_hz)
-        self._to_local_g = to_local_g
+        self._rate_hz, self._to_local_g = rate_hz, to_local_g
         self._quiet_dps: NDArray[np.float64] | None = None
-        self.moved = False
+        self.blocks, self.moved = Blocks(rate_hz), False
 
     def take(self, part: Arrived) -> int:
         """Add new samples; returns the number of blocks they complete."""
-        fresh = self.add(part.samples.force[part.samples.status == 0] * self._to_local_g)
-        self.mean_g, self.sd_g = self.mean_g[-2:], self.sd_g[-2:]
+        blocks, rate = self.blocks, part.samples.rate
+        fresh = blocks.add(part.samples.force[part.samples.status == 0] * self._to_local_g)
+        blocks.mean_g, blocks.sd_g = blocks.mean_g[-2:], blocks.sd_g[-2:]
         # The angular rate shows a turn without effect on gravity (about the vertical).
-        rate = part.samples.rate
         if (eighth := len(rate) // 8) and np.isfinite(rate).all():
             means = rate[: 8 * eighth].reshape(8, eighth, 3).mean(1)
             noise = rate.std(0) / np.sqrt(eighth) if self._quiet_dps is None else self._quiet_dps
             if (np.abs(means).max(0) > _TURNING_DPS + 6 * noise).any():
-                self.moved = True
-                self._rest = self.mean_g = self.sd_g = np.zeros((0, 3))
+                self.blocks, self.moved = Blocks(self._rate_hz), True
             elif self._quiet_dps is None:
                 self._quiet_dps = noise
         return fresh

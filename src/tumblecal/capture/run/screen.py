@@ -197,7 +197,7 @@ def _axes(guide: Guide) -> Table:
     table = Table(box=None, pad_edge=False)
     for name in ("axis", "mean mg", "expected mg", "difference mg", "sd of a sample mg", "drift mg"):
         table.add_column(name, justify="right")
-    blocks = guide.watch if guide.dwell is None else guide.dwell.blocks
+    blocks = (guide.dwell or guide.watch).blocks
     if len(blocks.mean_g):
         mean, expected = blocks.mean_g.mean(0), guide.plan.expected(guide.position)
         columns = [mean, expected, mean - expected, blocks.sd_g.mean(0), blocks.stationarity().drift_g]
