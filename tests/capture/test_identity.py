@@ -1,6 +1,7 @@
 """Another instrument, the same one that does not answer, and one that answers late: after an unplug and on resuming."""
 
 import contextlib
+import json
 import time
 
 import numpy as np
@@ -72,12 +73,12 @@ def test_an_instrument_that_does_not_answer_is_confirmed_and_another_one_stops_t
         assert capture.close() == 0, capture.seen[-9:]
     serials = [attempt.serial_number for _, attempt in sorted(replayed(read_journal(run)).accepted.items())]
     assert serials == ["N25581846020020", None, None, None]
-    reduction = reduced([run])
-    write_reduction(reduction, run)
+    write_reduction(reduced([run]), run)
     comments = read_positions(run / "positions.csv").comments
     assert "serial_number" not in comments and comments["serial_number_not_confirmed"] == "N25581846020020"
     assert comments["identity_not_confirmed"].startswith("position 2, 3, 4: identity not confirmed: no serial number")
-    assert reduction.entries["identity"]["positions_not_confirmed"] == ["2", "3", "4"]
+    identity = json.loads((run / "reduction.json").read_text())["identity"]
+    assert identity["positions_not_confirmed"] == ["2", "3", "4"]
 
 
 def test_questions_are_bounded_and_grow_and_a_late_answer_counts(tmp_path, monkeypatch):
