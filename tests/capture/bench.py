@@ -35,11 +35,10 @@ _CAPTURE = (
     + """
 import fcntl, os, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-from tumblecal.capture.run import identity
-from tumblecal.capture.run import meeting
+from tumblecal.capture.run import contact
 # Seconds after each question for the serial number, shorter where a test wants no answer.
 if "QUESTIONS" in os.environ:
-    identity.WAITS_S = meeting.WAITS_S = tuple(map(float, os.environ["QUESTIONS"].split()))
+    contact.WAITS_S = tuple(map(float, os.environ["QUESTIONS"].split()))
 from tumblecal.cli.commands import app
 from tumblecal.ground.errors import InputError
 from tumblecal.cli.capture import capture

@@ -11,15 +11,14 @@ from test_recorder import Rig
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.checks import exclusive_or
-from tumblecal.capture.decoding.samples import Settings
+from tumblecal.capture.decoding.samples import Event, Settings
 from tumblecal.capture.decoding.sniff import described, guesses
-from tumblecal.capture.journal import RunState
+from tumblecal.capture.journal import Journal, RunState
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol, protocols
-from tumblecal.capture.run import meeting
-from tumblecal.capture.run.meeting import Device as Met
-from tumblecal.capture.run.meeting import check_same_device, meet
+from tumblecal.capture.run import contact
+from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.run_folder import begin
 from tumblecal.ground.errors import InputError
 
@@ -72,14 +71,14 @@ def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
     try:
         if feed:
             rig.run(feed)
-        meet(stream, plan)
+        contact.meet(stream, plan, RunState())
     finally:
         recording.stop()
-        rig.instrument.port.close()
+        rig.instrument.port.unplug()
 
 
 def test_silence_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no data in 4 s: check power and cable"):
+    with pytest.raises(InputError, match="no bytes in 4 s: check power, cable and baud rate"):
         meet_a(Rig(tmp_path), tmp_path, "stim300")
 
 
@@ -90,7 +89,7 @@ def test_wrong_protocol_in_one_line(tmp_path: Path) -> None:
 
 def test_a_device_that_does_not_tell_its_range(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples come, but the command line to the device is broken: the range is not assumed."""
-    monkeypatch.setattr(meeting, "WAITS_S", (0.5, 0.7))
+    monkeypatch.setattr(contact, "WAITS_S", (0.5, 0.7))
     rig = Rig(tmp_path)
     rig.instrument.device.command = lambda data: None  # type: ignore[method-assign]
     with pytest.raises(InputError, match="does not state its range when asked"):
@@ -116,12 +115,16 @@ def test_sniffing(name: str) -> None:
     assert best.name == name and best.explained > 0.95
 
 
-def test_another_unit_or_other_settings() -> None:
-    before = {"serial_number": "N1", "events": [{"kind": "configuration", "raw": "bc01"}]}
+def test_another_unit_or_other_settings(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.write("device", serial_number="N1", events=[{"kind": "configuration", "raw": "bc01"}])
+    identity = Identity(journal, lambda query: None, (), trust=True)
     with pytest.raises(InputError, match="began with serial number N1, but N2 is connected"):
-        check_same_device(RunState(device=before), Met("N2", None, 125.0, []))
+        identity.check([Event(0, "serial_number", {"serial_number": "N2"})])
     with pytest.raises(InputError, match="settings of the instrument differ"):
-        check_same_device(RunState(device=before), Met("N1", None, 125.0, [{"kind": "configuration", "raw": "bc02"}]))
+        identity.check([Event(0, "configuration", {"raw": "bc02"})])
+    identity.check([Event(0, "serial_number", {"serial_number": "N1"}), Event(0, "configuration", {"raw": "bc01"})])
+    journal.close()
 
 
 def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.run.expectation import Fault, judge
-from tumblecal.capture.run.stationarity import Block, BlockCutter, stationarity
+from tumblecal.capture.run.position_check import NOT_TURNED, WRONG_POSITION, judge
+from tumblecal.capture.run.rest import Blocks, Stationarity
 from tumblecal.ground.gravity import normal_gravity
 from tumblecal.recordings.dwells.dwell_checks import check_dwell
 
@@ -69,27 +69,30 @@ def test_coarse_quantisation() -> None:
     assert any("quantisation" in w for w in found.warnings)
 
 
-def blocks_of(data: np.ndarray) -> list[Block]:
-    return BlockCutter(125).add(data)
+def judged(data: np.ndarray) -> Stationarity:
+    blocks = Blocks(125.0)
+    blocks.add(data)
+    return blocks.stationarity()
 
 
 def test_a_tilt_step_is_seen() -> None:
     """One arc minute (291 ug) on one axis stands out of one-second block means at STIM300 noise."""
     data = noise(7, 125 * 60)
     data[125 * 40 :, 0] += 291e-6
-    found = stationarity(blocks_of(data))
-    assert not found.good and min(found.knocks + found.creep) >= 38
+    found = judged(data)
+    assert min(found.knocks + found.creep) >= 38
 
 
 def test_still_data_are_stationary() -> None:
     """At most one alarm in 40 dwells of two minutes."""
-    assert sum(not stationarity(blocks_of(noise(s, 125 * 120))).good for s in range(40)) <= 1
+    found = [judged(noise(s, 125 * 120)) for s in range(40)]
+    assert sum(bool(each.knocks or each.creep) for each in found) <= 1
 
 
 def test_a_knock_shows_in_the_noise() -> None:
     data = noise(8, 125 * 60)
     data[125 * 30 : 125 * 31] += np.random.default_rng(0).normal(size=(125, 3)) * 0.01
-    assert 30 in stationarity(blocks_of(data)).knocks
+    assert 30 in judged(data).knocks
 
 
 def force(alpha: float, beta: float) -> np.ndarray:
@@ -100,15 +103,15 @@ def force(alpha: float, beta: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("mean", "previous", "fault", "words"),
     [
-        (force(45, 0), None, None, ""),
-        (force(45.2, 0.1) + 0.002, None, None, ""),
-        (force(90, 0), None, Fault.OTHER_POSITION, "this looks like alpha 90, beta 0, not alpha 45, beta 0"),
-        (force(0, 0), 0, Fault.NOT_TURNED, "still at alpha 0, beta 0: turn to alpha 45"),
-        (2 * force(45, 0), None, Fault.MAGNITUDE, "check range and unit"),
-        (force(62, 20), None, Fault.OTHER_POSITION, "alpha 62.0, beta 20.0"),
+        (force(45, 0), None, "", ""),
+        (force(45.2, 0.1) + 0.002, None, "", ""),
+        (force(90, 0), None, WRONG_POSITION, "this looks like alpha 90, beta 0, not alpha 45, beta 0"),
+        (force(0, 0), 0, NOT_TURNED, "still at alpha 0, beta 0: turn to alpha 45"),
+        (2 * force(45, 0), None, WRONG_POSITION, "check range and unit"),
+        (force(62, 20), None, WRONG_POSITION, "alpha 62.0, beta 20.0"),
     ],
 )
-def test_mistakes_are_named(mean: np.ndarray, previous: int | None, fault: Fault | None, words: str) -> None:
+def test_mistakes_are_named(mean: np.ndarray, previous: int | None, fault: str, words: str) -> None:
     verdict = judge(PLAN, 1, mean, previous)
     assert verdict.fault == fault and words in verdict.text
 
@@ -118,7 +121,7 @@ def test_reversed_and_exchanged_axes() -> None:
     true = force(20, 35)
     assert judge(plan, 0, true * [1, -1, 1]).text.startswith("the sign of axis y seems reversed")
     assert judge(plan, 0, true[[1, 0, 2]]).text.startswith("axes x and y seem exchanged")
-    assert judge(plan, 0, -true).fault == Fault.SIGN
+    assert judge(plan, 0, -true).text.startswith("all signs seem reversed")
 
 
 def test_normal_gravity() -> None:

@@ -49,18 +49,11 @@ def test_its_noise_is_that_of_the_parts(part: str) -> None:
 
 
 def test_faults_and_their_ledger() -> None:
-    faults = {
-        "bit_flips_per_s": 2.0,
-        "lost_bytes_per_s": 2.0,
-        "missing_frames_per_s": 2.0,
-        "garbage_per_s": 2.0,
-        "overloads_per_s": 1.0,
-    }
+    faults = {"missing_frames_per_s": 2.0, "overloads_per_s": 1.0}
     device = VirtualDevice(Emulation.model_validate({"faults": faults, "instrument": {"start_up_s": 0.3}}))
     found = sent(device, 60.0)
     ledger = device.ledger
-    assert len(found.samples) == ledger.intact == ledger.generated - ledger.damaged - ledger.missing
-    assert ledger.damaged > 150 and ledger.missing > 80
+    assert len(found.samples) == ledger.intact == ledger.generated - ledger.missing and ledger.missing > 80
     assert int((found.samples.status & Status.OVERLOAD > 0).sum()) <= ledger.overloads
     device.restart()
     again = sent(device, 1.0)

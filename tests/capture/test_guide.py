@@ -1,141 +1,133 @@
 """The guide fed by hand."""
 
+import io
 import re
 import time
-from collections import Counter
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hand_fed import HandFed
+from rich.console import Console
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.decoding.samples import blank
-from tumblecal.capture.journal import JOURNAL_NAME, Journal, RunState, replayed
-from tumblecal.capture.log import read_log
-from tumblecal.capture.port.live import Arrived, Tally
-from tumblecal.capture.protocols import protocol
-from tumblecal.capture.run.guide import Guide, Phase
-from tumblecal.capture.run.identity import Identity
-from tumblecal.capture.run.run_folder import RunFolder
-from tumblecal.capture.run.session import view_of
-from tumblecal.ground.errors import InputError
+from tumblecal.capture.run.guide import Phase
+from tumblecal.capture.run.screen import line_of, rendered
 from tumblecal.recordings.dwells.captured import identity_comments, identity_of
 
 
-def arrived(count: int, *events: str) -> Arrived:
-    samples = blank(count)
-    samples.force[:] = [0.0, 0.0, 1.0] + 1e-4 * np.random.default_rng(count).normal(size=(count, 3))
-    samples.rate[:] = 0.0
-    places = np.zeros(count, np.int64)
-    return Arrived(samples, np.zeros(count), places, places, [], [{"event": event} for event in events])
+TWO = {"beta_deg": [0], "alpha_deg": [0, 180]}
 
 
-def guide_of(folder: Path, positions: dict, seconds: float, rate_hz: float, name: str, **more) -> Guide:
-    """A guide of a device of this protocol, fed by hand."""
-    plan = CapturePlan.model_validate({"positions": positions, "dwell": {"seconds": seconds, "settle_s": 0.0}})
-    recording = SimpleNamespace(position=0, sync=lambda: None, log=folder / "journal.log")
-    stream = SimpleNamespace(recording=recording, tally=Tally(status=Counter()), protocol=protocol(name))
-    run = RunFolder(folder, plan, RunState(), Journal(folder))
-    return Guide(run, stream, rate_hz, **more)  # type: ignore[arg-type]
-
-
-def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_path: Path) -> None:
-    guide = guide_of(tmp_path, {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}, 1000.0, 20.0, "stim300")
-    while guide.phase != Phase.RECORDING:
-        guide.take(arrived(20))
-    guide.take(arrived(20))
-    guide.take(arrived(40, "port_lost"))
+def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_path):
+    fed = HandFed(
+        tmp_path, "stim300", positions={"listed": [{"alpha_deg": 0, "beta_deg": 0}]}, dwell={"seconds": 1000.0}
+    )
+    fed.feed(40, {"event": "port_lost"})
     for _ in range(2):
-        assert view_of(guide).alarm.startswith("the device is disconnected: plug it in again")
-        guide.take(arrived(40))
-    guide.take(arrived(20, "reopened"))
-    assert view_of(guide).alarm == ""
-    guide.worker.close()
+        assert fed.guide.alarm.startswith(
+            "the device is disconnected: plug it in again"
+        ) and fed.guide.alarm in line_of(fed.guide)
+        fed.feed(40)
+    fed.feed(20, {"event": "reopened"})
+    assert fed.guide.alarm == ""
 
 
-def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rejected(tmp_path: Path) -> None:
+def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rejected(tmp_path):
     """A STIM300 at 125 Hz: pairs of frames exchanged, then 4 % of the frames dropped, then whole again."""
-    guide = guide_of(tmp_path, {"beta_deg": [0], "alpha_deg": [0, 180]}, 4.0, 125.0, "stim300")
+    fed = HandFed(tmp_path, "stim300", 125.0, positions=TWO)
     numbers = np.arange(20_000)
     numbers[5::9], numbers[6::9] = numbers[6::9].copy(), numbers[5::9].copy()
     pieces = iter(np.array_split(numbers, 20_000 // 50))
 
-    def go_on(turned: float, dropped: bool) -> None:
-        own = next(pieces)
-        own = own[own % 25 != 0] if dropped else own
-        part = arrived(len(own))
-        part.samples.force[:, 2] *= turned
-        part.samples.counter[:] = own * 16 % 256
-        part.host_s[:] = np.maximum.accumulate(own) / 125.0
-        guide.take(part)
+    def go_on(dropped: bool) -> None:
+        piece = next(pieces)
+        piece = piece[piece % 25 != 0] if dropped else piece
+        fed.feed(len(piece), counter=piece * 16 % 256, host_s=np.maximum.accumulate(piece) / 125.0)
 
-    for _ in range(60):
-        if 0 not in guide.state.accepted:
-            go_on(1.0, dropped=False)
-    assert guide.state.accepted[0].summary["lost"] == 0
-    while not guide.rejected:
-        go_on(-1.0, dropped=True)
-    why = r"attempt 1 was rejected: 2\d of 5\d\d samples lost \((3.\d|4.0) %\) in 2\d gaps; limits.lost_fraction allows 1 %"
+    while 0 not in fed.state.accepted:
+        go_on(dropped=False)
+    assert fed.state.accepted[0].summary["lost"] == 0
+    fed.turned = -1.0
+    while not fed.guide.rejected:
+        go_on(dropped=True)
+    why = (
+        r"attempt 1 was rejected: 2\d of 5\d\d samples lost \((3.\d|4.0) %\), 2\d gaps; limits.lost_fraction allows 1 %"
+    )
     shown = set()
-    while 1 not in guide.state.accepted:
-        assert re.fullmatch(why, view_of(guide).rejected)
-        shown.add(guide.phase)
-        go_on(-1.0, dropped=False)
-    assert {Phase.TURN, Phase.RECORDING} <= shown and view_of(guide).rejected == ""
-    guide.worker.close()
+    while 1 not in fed.state.accepted:
+        assert re.fullmatch(why, fed.guide.rejected) and fed.guide.rejected.partition(": ")[2] in line_of(fed.guide)
+        shown.add(fed.guide.phase)
+        go_on(dropped=False)
+    assert {Phase.TURN, Phase.RECORDING} <= shown and fed.guide.rejected == ""
 
 
-@pytest.mark.parametrize(
-    ("notice", "other_g"), [({"event": "reopened"}, 0.0), ({"event": "data_again", "after_s": 4.0}, 3e-4)]
-)
-def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
-    tmp_path: Path, notice: dict, other_g: float
-) -> None:
-    """Interrupted in the middle of the second position: the first one is measured again before anything is accepted."""
-    rng, identity = np.random.default_rng(5), Identity(lambda query: None, (), None, None, confirmed=False)
-    positions = {"beta_deg": [0], "alpha_deg": [0, 180]}
-    guide = guide_of(tmp_path, positions, 8.0, 20.0, "witmotion", identity=identity)
-
-    def feed(turned: float, error_g: float = 0.0, notices: tuple[dict, ...] = ()) -> None:
-        part = arrived(20)
-        part.samples.force[:] = [0.0, 0.0, turned + error_g] + 1e-4 * rng.normal(size=(20, 3))
-        part.notices.extend(notices)
-        guide.take(part)
-
-    while 0 not in guide.state.accepted:
-        feed(1.0)
-    while guide.phase != Phase.RECORDING:
-        feed(-1.0)
-    feed(-1.0, notices=(notice,))
-    assert guide.position == 0 and guide.doubt.comparing is not None
-    assert "identity not confirmed" in view_of(guide).doubt and "measured again" in view_of(guide).doubt
-    stopped = ""
-    while not stopped and guide.doubt.comparing is not None:
-        try:
-            feed(1.0, other_g)
-        except InputError as error:
-            stopped = str(error)
-    assert bool(stopped) == bool(other_g) and 1 not in guide.state.accepted
-    while not stopped and guide.phase != Phase.FINISHED:
-        feed(-1.0)
-    guide.worker.close()
-    state = replayed([record.content() for record in read_log(tmp_path / JOURNAL_NAME)])
-    assert state.to_compare == bool(other_g) and [entry["entry"] for entry in state.doubts] == [
-        "identity_not_confirmed",
-        "compared",
-    ]
-    attempts, names = [attempt for _, attempt in sorted(state.accepted.items())], ["1", "2"]
-    identity = identity_of(state, attempts, names)
-    assert identity["positions_not_confirmed"] == ([] if other_g else ["2"])
+@pytest.mark.parametrize("notice", [{"event": "reopened"}, {"event": "data_again", "after_s": 4.0}])
+def test_an_instrument_of_a_kind_without_serial_numbers_is_confirmed_by_the_operator(tmp_path, notice):
+    """Interrupted in the middle of the second position: its attempt is rejected, and nothing is recorded until Enter."""
+    fed = HandFed(tmp_path, positions=TWO)
+    while 0 not in fed.state.accepted:
+        fed.feed()
+    fed.turned = -1.0
+    fed.until(Phase.RECORDING)
+    fed.feed(20, notice)
+    for _ in range(20):
+        fed.feed()
+    assert fed.guide.phase == Phase.SETTLING and fed.entries("rejected")[0]["reason"] == "identity not confirmed"
+    assert "identity not confirmed" in line_of(fed.guide) and "press Enter if it is the same one" in line_of(fed.guide)
+    fed.guide.press("\n")
+    fed.until(Phase.FINISHED)
+    assert [entry["entry"] for entry in fed.state.doubts] == ["identity_not_confirmed", "identity_trusted"]
+    assert not fed.state.to_confirm
+    attempts, names = [attempt for _, attempt in sorted(fed.state.accepted.items())], ["1", "2"]
+    identity = identity_of(fed.state, attempts, names)
+    assert identity["positions_not_confirmed"] == ["2"]
     comments = identity_comments(identity)
-    assert "serial_number" not in comments and ("identity_not_confirmed" in comments) == (not other_g)
+    assert "serial_number" not in comments and "identity_not_confirmed" in comments
 
 
-def test_a_plan_of_hundreds_of_positions_does_not_hold_up_the_guide() -> None:
+def test_a_knock_sounds_and_a_turn_during_the_dwell_repeats_it(tmp_path):
+    fed = HandFed(tmp_path, positions=TWO, dwell={"seconds": 30.0, "settle_s": 2.0})
+    fed.until(Phase.SETTLING)
+    fed.turned = 0.99
+    fed.feed()
+    assert fed.guide.phase == Phase.TURN  # the time at rest begins again
+    fed.turned = 1.0
+    fed.until(Phase.RECORDING)
+    for _ in range(12):
+        fed.feed()
+    fed.turned = 1.002
+    fed.feed()
+    assert fed.guide.alarm.startswith("knock: ") and fed.entries("warned")[0]["text"].startswith("knock: ")
+    fed.turned = 1.05
+    fed.feed()
+    assert fed.guide.rejected == "attempt 1 was rejected: the head moved while recording"
+    assert fed.entries("rejected")[0]["attempt"] == 1 and not fed.state.accepted
+
+
+@pytest.mark.parametrize(("height", "lost"), [(40, ()), (24, ()), (9, ("expected mg",))])
+def test_the_most_important_parts_are_on_a_screen_of_any_height(tmp_path, height, lost):
+    fed = HandFed(tmp_path, positions=TWO, dwell={"seconds": 30.0})
+    fed.until(Phase.RECORDING)
+    for _ in range(15):
+        fed.feed()
+    console = Console(width=80, height=height, file=io.StringIO(), color_system=None)
+    lines = console.render_lines(rendered(fed.guide, console))[:height]
+    shown = " ".join("".join(segment.text for segment in line) for line in lines)
+    words = (
+        "RECORDING position 1, 0 of 2 done",
+        "300 of 600 good samples",
+        "frames ",
+        "lost >=",
+        "q: interrupt",
+        "expected mg",
+    )
+    assert [word for word in words if word not in shown] == list(lost), shown
+
+
+def test_a_plan_of_hundreds_of_positions_does_not_hold_up_the_guide():
     """What is asked at every poll: where a position is, and how near is near enough (half the smallest separation)."""
-    own = {"beta_deg": [0, 30, 60, 90], "alpha_deg": [2.0 * k for k in range(180)]}
-    plan = CapturePlan.model_validate({"positions": own})
+    grid = {"beta_deg": [0, 30, 60, 90], "alpha_deg": [2.0 * k for k in range(180)]}
+    plan = CapturePlan.model_validate({"positions": grid})
     begun = time.process_time()
     for _ in range(20):
         assert plan.tolerance_deg == pytest.approx(0.5, rel=0.01)  # at beta 60 two degrees of alpha are one apart

@@ -35,14 +35,36 @@ def sequence_of(samples: Samples) -> np.ndarray:
     return words[:, 0] * 4096 + words[:, 1]
 
 
+class Traced(VirtualDevice):
+    """A device whose samples have their numbers, and whose line damages bytes at a rate, 1/s."""
+
+    damages_per_s = 0.0
+
+    def samples(self, n: int) -> Samples:
+        made = super().samples(n)
+        made.rate[:] = sequence_rates(self.ledger.generated + np.arange(n))
+        return made
+
+    def advance(self, n: int) -> bytes:
+        data, random = bytearray(super().advance(n)), self._random
+        if len(data) and random.random() < self.damages_per_s * n / self.rate_hz:
+            at = int(random.integers(len(data)))
+            match int(random.integers(3)):
+                case 0:
+                    data[at] ^= 1 << int(random.integers(8))
+                case 1:
+                    del data[at]
+                case _:
+                    data[at:at] = random.bytes(30)
+        return bytes(data)
+
+
 class Rig:
     """A virtual instrument stepped by hand in this process; its time passes `speed` times as fast as that of the host."""
 
     def __init__(self, folder: Path, speed: float = 1.0, **config: object):
         content = {"instrument": {"rate_hz": 2000.0}, **config}
-        self.instrument = VirtualInstrument(
-            VirtualDevice(Emulation.model_validate(content), rates=sequence_rates), folder / "imu"
-        )
+        self.instrument = VirtualInstrument(Traced(Emulation.model_validate(content)), folder / "imu")
         self.start, self.rate_hz = time.monotonic(), 2000 * speed
 
     def run(self, seconds: float) -> None:
@@ -74,9 +96,6 @@ def test_unplugs_and_damage_are_counted_exactly(tmp_path: Path) -> None:
     The device runs at half speed: a counter that wraps every 0.26 s, instead of 0.13 s, tolerates late reads of a busy host.
     """
     faults = {
-        "bit_flips_per_s": 3.0,
-        "lost_bytes_per_s": 2.0,
-        "garbage_per_s": 1.0,
         "missing_frames_per_s": 3.0,
         "stalls_per_s": 0.5,
         "unplug_at_s": [1.5, 3.0],
@@ -86,7 +105,8 @@ def test_unplugs_and_damage_are_counted_exactly(tmp_path: Path) -> None:
     log = tmp_path / "raw.log"
     recording = Recording(log, str(tmp_path / "imu"), 921600)
     # Quiet seconds at both ends: without them a stall there would rightly be called unresolved.
-    faulty, quiet = rig.instrument._config, Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})
+    faulty, quiet = rig.instrument.faults, Emulation().faults
+    rig.instrument.device.damages_per_s = 6.0
     reopened = list[int]()
 
     def plugged_twice() -> bool:
@@ -95,14 +115,14 @@ def test_unplugs_and_damage_are_counted_exactly(tmp_path: Path) -> None:
         # One and a half seconds of the device follow the second one.
         return len(reopened) == 2 and rig.instrument.device.ledger.generated > reopened[-1] + 3000
 
-    rig.instrument._config = quiet
+    rig.instrument.faults = quiet
     rig.run(1.0)
-    rig.instrument._config = faulty
+    rig.instrument.faults = faulty
     rig.run_until(plugged_twice)
-    rig.instrument._config = quiet
+    rig.instrument.faults = quiet
     rig.run(2.5)
     recording.stop()
-    rig.instrument.port.close()
+    rig.instrument.port.unplug()
     samples, host_s, _ = decoded(log)
     numbers = sequence_of(samples)
     assert (np.diff(numbers) > 0).all()
@@ -141,7 +161,7 @@ def test_kills_lose_nothing_acknowledged_and_the_recorder_is_started_again(tmp_p
     time.sleep(1.3)
     rig.run(0.3)
     recording.stop()
-    rig.instrument.port.close()
+    rig.instrument.port.unplug()
     samples, _, _ = decoded(log)
     assert (np.diff(sequence_of(samples)) > 0).all() and len(samples) > 200 * kills
     kinds = [event["event"] for event in events(log)]
@@ -166,7 +186,7 @@ def test_the_recorder_ends_when_its_parent_is_gone(tmp_path: Path) -> None:
     assert process.wait(600) == 0
     process.stdout.close()
     assert events(tmp_path / "raw.log")[-1]["event"] == "stopped"
-    rig.instrument.port.close()
+    rig.instrument.port.unplug()
 
 
 def test_what_is_no_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +204,7 @@ def test_what_is_no_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(serial.Serial, "open", refuse)
     with pytest.raises(InputError, match=r"no permission; the device belongs to the group \S+: `sudo usermod -aG"):
         Port(str(tmp_path / "imu"), 9600)
-    rig.instrument.port.close()
+    rig.instrument.port.unplug()
 
 
 HOLD = """
@@ -249,7 +269,7 @@ def test_full_disk_stops_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             rig.run(0.2)
             recording.poll()
     recording.stop()
-    rig.instrument.port.close()
+    rig.instrument.port.unplug()
     records = read_log(tmp_path / "raw.log")
     assert records[-1].stop == (tmp_path / "raw.log").stat().st_size > 190_000
 

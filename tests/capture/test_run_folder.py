@@ -20,7 +20,7 @@ from tumblecal.recordings.reduce import reduced
 
 
 QUICK = PLAN.replace("400.0", "2.0")
-OPTIONS = ("plan.toml", "--out", "run", "--plain", "--no-estimate")
+OPTIONS = ("plan.toml", "--out", "run", "--plain")
 
 
 def test_a_second_start_harms_nothing(tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_a_folder_that_goes_away_ends_the_run_at_once(tmp_path: Path, what: str)
     (tmp_path / "plan.toml").write_text(PLAN)
     with Emulator(tmp_path, ""):
         with file_size_limited(300_000 if what == "full" else 1 << 40):
-            capture = CaptureProcess(tmp_path, *OPTIONS[:3], "--no-estimate")
+            capture = CaptureProcess(tmp_path, *OPTIONS[:3])
         before = capture.flags()
         capture.wait_for(lambda: "recording" in entries_of(tmp_path / "run"))
         if what == "deleted":

@@ -35,7 +35,7 @@ def entries_of(folder: Path) -> list[str]:
 def test_a_signal_restores_the_terminal_and_is_written_down(tmp_path: Path, number: signal.Signals) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     with Emulator(tmp_path, "") as emulator:
-        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--no-estimate", rows=24, columns=80)
+        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", rows=24, columns=80)
         before = capture.flags()
         capture.wait_for(lambda: capture.raw.count(b"RECORDING") > 3)
         assert not capture.flags() & termios.ECHO and emulator.port.exists()
@@ -59,7 +59,7 @@ def test_a_signal_restores_the_terminal_and_is_written_down(tmp_path: Path, numb
 def test_a_closed_terminal_ends_the_run_in_order(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     with Emulator(tmp_path, ""):
-        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--no-estimate")
+        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run")
         capture.wait_for(lambda: "recording" in entries_of(tmp_path / "run"))
         capture.hang_up()
         assert capture.process.wait(600) == -signal.SIGHUP
@@ -81,26 +81,3 @@ def test_the_own_terminal_is_no_instrument(tmp_path: Path) -> None:
     (tmp_path / "imu").symlink_to(capture.terminal)
     assert capture.close() == 2
     assert b"this is the terminal of python" in capture.raw
-
-
-def test_the_follower_takes_up_a_new_journal(tmp_path: Path) -> None:
-    from tumblecal.capture.emulator.config import Emulation
-    from tumblecal.capture.emulator.device import VirtualDevice
-    from tumblecal.capture.emulator.operator import Follower
-    from tumblecal.capture.journal import Journal
-
-    config = Emulation.model_validate({"head": {"reaction_s": 0.0, "turn_s": 0.01}})
-    device, follower = VirtualDevice(config), Follower(tmp_path / "run", config)
-    for alpha in (30.0, 60.0):
-        (tmp_path / "run").mkdir()
-        journal = Journal(tmp_path / "run")
-        journal.write("session")
-        journal.write("prompted", alpha_deg=alpha, beta_deg=0.0)
-        assert follower(device)
-        device.advance(100)
-        assert device.head.angles(device.time_s) == (alpha, 0.0)
-        (tmp_path / "run" / JOURNAL_NAME).unlink()
-        (tmp_path / "run").rmdir()
-        journal.close()
-    assert follower._reader is not None
-    follower._reader.close()

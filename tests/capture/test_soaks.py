@@ -5,49 +5,44 @@ import math
 import os
 import select
 import threading
-import time
 import tty
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hand_fed import HandFed
 
-from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.chamber.chamber import ChamberThread
-from tumblecal.capture.chamber.chamber_tables import ChamberTable, SoakTable
-from tumblecal.capture.chamber.soak_order import order_warning
-from tumblecal.capture.chamber.stability import Stability
-from tumblecal.capture.chamber.text_chamber import TextChamber
-from tumblecal.capture.decoding.samples import blank
-from tumblecal.capture.journal import Journal, RunState, replayed
-from tumblecal.capture.port.live import Arrived, Tally
-from tumblecal.capture.protocols import protocol
-from tumblecal.capture.run import soaking
-from tumblecal.capture.run.guide import Guide, Phase
-from tumblecal.capture.run.run_folder import RunFolder
-from tumblecal.capture.run.session import view_of
-from tumblecal.capture.run.soaking import Soaking
+from tumblecal.capture.capture_plan import CapturePlan, ChamberTable, SoakTable
+from tumblecal.capture.chamber import soak
+from tumblecal.capture.chamber.chamber import TextChamber
+from tumblecal.capture.chamber.soak import Stability
+from tumblecal.capture.journal import RunState
+from tumblecal.capture.run.guide import Phase
+from tumblecal.capture.run.screen import header_of, line_of, note_of
 from tumblecal.cli.capture import ChamberOptions
 from tumblecal.ground.errors import InputError
 
 
 CRITERION = SoakTable(tolerance_degc=1.0, rate_degc_per_min=0.1, stable_min=5.0, timeout_min=60.0)
+MINUTES = np.arange(0, 60, 1 / 60)
+
+
+def stable_times(values: np.ndarray) -> np.ndarray:
+    """The times at which a temperature is stable, min."""
+    stability, stable = Stability(CRITERION, 40.0), []
+    for t, value in zip(MINUTES, values, strict=False):
+        stability.take(t, value)
+        stable += [t] if stability.stable_min >= CRITERION.stable_min else []
+    return np.array(stable)
 
 
 def test_a_lagging_die_is_stable_when_rate_and_distance_have_been_small_for_long_enough() -> None:
     """T = 40 - 20 exp(-t/tau): near from tau ln 20 on, slow from about tau ln(20/(tau 0.1)) + 0.5 min on (line over 1 min)."""
-    tau = 12.0
-    stability = Stability(CRITERION, 40.0)
-    times = np.arange(0, 120, 1 / 60)
-    seen = []
-    for t in times:
-        stability.take(t, 40 - 20 * math.exp(-t / tau))
-        seen.append(stability.stable)
+    tau = 9.0
     near, slow = tau * math.log(20), tau * math.log(20 / (tau * 0.1)) + 0.5
-    assert times[seen.index(True)] == pytest.approx(max(near, slow) + 5.0, abs=0.1)
+    assert stable_times(40 - 20 * np.exp(-MINUTES / tau))[0] == pytest.approx(max(near, slow) + 5.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -59,23 +54,12 @@ def test_a_lagging_die_is_stable_when_rate_and_distance_have_been_small_for_long
         (lambda t: np.round(40 + 0.2 * np.random.default_rng(1).normal(size=len(t))), True),  # steps of 1 degC, and noise
     ],
 )  # fmt: skip
-def test_ramps_oscillations_and_other_temperatures_are_not_stable(
-    degc: Callable[[np.ndarray], np.ndarray], stable: bool
-) -> None:
-    times = np.arange(0, 60, 1 / 60)
-    values = np.convolve(degc(times), np.ones(30) / 30, "valid")  # blocks of samples
-    stability, ever = Stability(CRITERION, 40.0), False
-    for t, value in zip(times, values, strict=False):
-        stability.take(t, value)
-        ever |= stability.stable
-    assert ever == stable
+def test_ramps_oscillations_and_other_temperatures_are_not_stable(degc: Callable, stable: bool) -> None:
+    blocks = np.convolve(degc(MINUTES), np.ones(30) / 30, "valid")
+    assert bool(len(stable_times(blocks))) == stable
 
 
-def test_the_order_of_a_plan_and_what_a_costly_one_costs() -> None:
-    assert order_warning([None, None], 10) == "" and order_warning([0, 20, 20, 40, 20, 0], 10) == ""
-    # 25 up to 40, down to 25, and up to 40 again: the last soak could be the second one.
-    costly = order_warning([25, 40, 40, 25, 40], 10)
-    assert "3 times for 3 soaks: 1 changes too many cost at least 10 min of waiting and 15 degC of ramps" in costly
+def test_the_positions_of_a_plan_over_temperature_and_the_options_that_override_it() -> None:
     angles = {"beta_deg": [0, 90], "alpha_deg": [0, 180]}
     plan = CapturePlan.model_validate({"positions": angles | {"temperature_degc": [25, 60, 25]}})
     assert plan.soaks == [0] * 4 + [1] * 4 + [2] * 4 and [s.name for s in plan.steps] == [str(k) for k in range(1, 13)]
@@ -104,15 +88,6 @@ def test_a_soak_is_finished_before_the_next_one_begins() -> None:
     assert order == [0, 2, 1, 5, 3, 4]
 
 
-class Clock:
-    """A clock that the test moves."""
-
-    now = 1000.0
-
-    def monotonic(self) -> float:
-        return self.now
-
-
 class FakeChamber:
     """A chamber whose set points are listed, and whose answer the test states."""
 
@@ -134,165 +109,107 @@ class FakeChamber:
         self.set.append(math.inf)
 
 
-class Bench:
-    """A guide at 20 Hz for a plan of two positions at two temperatures, fed by hand, and a chamber."""
-
-    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, chamber: FakeChamber, **soak: float):
-        self.clock = Clock()
-        monkeypatch.setattr(soaking, "time", self.clock)
-        # The chamber's thread, without waiting.
-        monkeypatch.setattr(ChamberThread, "look", lambda thread: look_at_once(thread))
-        criterion = {"stable_min": 2.0, "rate_degc_per_min": 0.2, "tolerance_degc": 1.0, "timeout_min": 30.0}
-        plan = CapturePlan.model_validate(
-            {
-                "positions": {"beta_deg": [0], "alpha_deg": [0, 180], "temperature_degc": [25, 40]},
-                "dwell": {"seconds": 4.0, "settle_s": 0.0},
-                "soak": criterion | soak,
-                "chamber": {"finish_degc": 20.0},
-            }
-        )
-        stream = SimpleNamespace(
-            recording=SimpleNamespace(position=0, sync=lambda: None, log=folder / "journal.log"),
-            tally=Tally(status=Counter()),
-            protocol=protocol("witmotion"),
-        )
-        self.journal, self.rng, self.turned = Journal(folder), np.random.default_rng(0), 1.0
-        self.soaking = Soaking(plan, self.journal, 20, chamber)
-        self.guide = Guide(RunFolder(folder, plan, RunState(), self.journal), stream, 20.0, soaking=self.soaking)  # type: ignore[arg-type]
-
-    def feed(self, degc: float, seconds: int = 1) -> None:
-        for _ in range(seconds):
-            self.clock.now += 1.0
-            samples = blank(20)
-            samples.force[:] = [0.0, 0.0, self.turned] + 1e-4 * self.rng.normal(size=(20, 3))
-            samples.rate[:] = 0.0
-            samples.temperature[:] = degc
-            places = np.zeros(20, np.int64)
-            self.guide.take(Arrived(samples, np.full(20, self.clock.now), places, places, [], []))
-
-    def until(self, phase: Phase, degc: float) -> None:
-        for _ in range(400):
-            if self.guide.phase == phase:
-                return
-            self.feed(degc)
-        raise AssertionError(view_of(self.guide))
-
-    def entries(self, *kinds: str) -> list[dict]:
-        return [entry for entry in self.journal.entries() if entry["entry"] in kinds]
-
-    def close(self) -> None:
-        self.guide.worker.close()
-        self.soaking.close(finished=len(self.guide.state.accepted) == 4)
-        self.journal.close()
-
-
-def look_at_once(thread: ChamberThread) -> bool:
-    thread.reading_degc, thread._wanted = thread._exchange(thread._wanted), None
-    return thread.reading_degc is not None
-
-
-def test_a_soak_is_waited_for_once_and_again_only_when_the_temperature_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    chamber = FakeChamber(25.0)
-    bench = Bench(tmp_path, monkeypatch, chamber)
-    assert bench.guide.phase == Phase.SOAK and view_of(bench.guide).soak_degc == 25
-    bench.feed(25.3, 60)
-    assert "set to 25 degC: sensor 25.30 degC" in view_of(bench.guide).note and chamber.set[0] == 25
-    bench.until(Phase.RECORDING, 25.3)
-    bench.until(Phase.TURN, 25.3)
-    # The second position of the soak: no wait.
-    bench.turned = -1.0
-    bench.until(Phase.RECORDING, 25.4)
-    # The temperature leaves during the dwell, which is finished; another position of the soak would wait.
-    bench.feed(26.6, 2)
-    assert "left 25 +- 1 degC" in view_of(bench.guide).alarm
-    bench.until(Phase.SOAK, 25.4)
-    assert (
-        view_of(bench.guide).place == "soak 2 of 2, 2 of 4 done" and bench.entries("soak")[-1]["requested_degc"] == 40
+def over_temperature(folder: Path, monkeypatch: pytest.MonkeyPatch, chamber: FakeChamber, **more: float) -> HandFed:
+    """Two positions at two temperatures; the clock is that of the fed samples, and the chamber is asked every second."""
+    criterion = {"stable_min": 2.0, "rate_degc_per_min": 0.2, "tolerance_degc": 1.0, "timeout_min": 30.0}
+    clock, beginning = [], 1000.0
+    monkeypatch.setattr(soak, "time", SimpleNamespace(monotonic=lambda: clock[0].now_s if clock else beginning))
+    monkeypatch.setattr(soak, "_QUERY_S", 1.0)
+    positions = {"beta_deg": [0], "alpha_deg": [0, 180], "temperature_degc": [25, 40]}
+    fed = HandFed(
+        folder, chamber=chamber, positions=positions, soak=criterion | more, chamber_table={"finish_degc": 20.0}
     )
-    bench.guide.press("b")
-    assert "a soak that is over" in bench.guide.prompted.alarm and len(bench.guide.state.accepted) == 2
+    clock.append(fed)
+    return fed
+
+
+def test_a_soak_is_waited_for_once_and_again_only_when_the_temperature_left(tmp_path, monkeypatch) -> None:
+    chamber = FakeChamber(25.0)
+    fed = over_temperature(tmp_path, monkeypatch, chamber)
+    guide = fed.guide
+    assert guide.phase == Phase.SOAK and "set the chamber to 25 degC" in line_of(guide) and chamber.set == [25]
+    for _ in range(60):
+        fed.feed(degc=25.3)
+    assert "set to 25 degC: sensor 25.30 degC" in note_of(guide)
+    fed.until(Phase.RECORDING, 25.3)
+    fed.until(Phase.TURN, 25.3)
+    # The second position of the soak: no wait.
+    fed.turned = -1.0
+    fed.until(Phase.RECORDING, 25.4)
+    # The temperature leaves during the dwell, which is finished; another position of the soak would wait.
+    fed.feed(degc=26.6)
+    assert "left 25 +- 1 degC" in guide.alarm
+    fed.until(Phase.SOAK, 25.4)
+    assert header_of(guide) == "SOAK soak 2 of 2, 2 of 4 done" and fed.entries("soak")[-1]["requested_degc"] == 40
+    guide.press("b")
+    assert "a soak that is over" in guide.alarm and len(fed.state.accepted) == 2
     # Steady, but not at 40: reported, and accepted by Enter; this is then the temperature of the soak.
     chamber.answer = 40.0
-    bench.feed(43.2, 240)
-    assert "steady at 43.2 degC, 3.2 degC above 40" in view_of(bench.guide).alarm
-    assert "soak.offset_degc = 3.2" in view_of(bench.guide).alarm
-    bench.guide.press("\n")
-    bench.turned = 1.0
-    bench.until(Phase.RECORDING, 43.3)
-    bench.until(Phase.TURN, 43.3)
-    bench.feed(45.0, 2)
-    bench.turned = -1.0
-    bench.until(Phase.SOAK, 45.0)
-    bench.until(Phase.RECORDING, 43.0 if bench.soaking.stability is None else 40.2)
-    bench.until(Phase.FINISHED, 40.2)
-    bench.close()
-    kinds = [entry["entry"] for entry in bench.entries("soak", "soaked", "accepted", "temperature_left")]
-    accepted = [entry for entry in bench.entries("accepted") if entry]
+    for _ in range(240):
+        fed.feed(degc=43.2)
+    assert "steady at 43.2 degC, 3.2 degC above 40" in guide.alarm and "soak.offset_degc = 3.2" in guide.alarm
+    guide.press("\n")
+    fed.turned = 1.0
+    fed.until(Phase.RECORDING, 43.3)
+    fed.until(Phase.TURN, 43.3)
+    fed.feed(degc=45.0)
+    fed.turned = -1.0
+    fed.until(Phase.SOAK, 45.0)
+    fed.until(Phase.FINISHED, 40.2)
+    fed.soak.close(finished=True)
+    kinds = [entry["entry"] for entry in fed.entries("soak", "soaked", "accepted", "temperature_left")]
+    accepted, soaked = fed.entries("accepted"), fed.entries("soaked")
     assert kinds == ["soak", "soaked", "accepted", "temperature_left", "accepted", "soak", "soaked", "accepted",
                      "temperature_left", "soak", "soaked", "accepted"]  # fmt: skip
     assert accepted[2]["summary"]["temperature_degc"] == pytest.approx(43.3)
     assert accepted[2]["summary"]["requested_degc"] == 40 and accepted[2]["summary"]["chamber_degc"] == 40
-    assert (
-        bench.entries("soaked")[1]["accepted_by"] == "operator"
-        and bench.entries("soak")[0]["criterion"]["stable_min"] == 2
-    )
+    assert soaked[1]["accepted_by"] == "operator" and fed.entries("soak")[0]["criterion"]["stable_min"] == 2
     assert chamber.set == [25, 40, 40, 20, math.inf]
 
 
 @pytest.mark.parametrize(
-    ("soak", "degc", "chamber", "words"),
+    ("degc", "chamber", "words"),
     [
-        ({}, lambda t: 77.0 + 1e-3 * (t % 2), 25.0, "is it in Fahrenheit?"),
-        ({}, lambda t: 21.0, 25.0, "has not changed at all: is the chamber set, or is the thermometer stuck?"),
-        ({}, lambda t: 15.0 - 0.3 * t / 60, None, "the chamber does not reach 25 +- 1 degC"),
-        ({}, lambda t: 25 + 0.9 * np.sin(t / 20), None, "changes by less than 0.2 degC/min are needed for 2 min"),
-        ({}, lambda t: np.nan, None, "neither instrument nor chamber state a temperature, so Enter must be pressed"),
+        (lambda t: 77.0 + 1e-3 * (t % 2), 25.0, "steady at 77.0 degC, 52.0 degC above 25: check the set point and the"),
+        (lambda t: 15.0 - 0.3 * t / 60, None, "sensor 13.80 degC, -0.300 degC/min"),
+        (lambda t: 25 + 0.9 * np.sin(t / 20), None, "stable for 0."),
+        (lambda t: np.nan, None, "neither instrument nor chamber state a temperature; press Enter when it is stable"),
     ],
 )  # fmt: skip
 def test_a_temperature_that_is_never_stable_ends_the_run_with_its_reason(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    soak: dict,
-    degc: Callable[[float], float],
-    chamber: float | None,
-    words: str,
+    tmp_path, monkeypatch, degc: Callable[[float], float], chamber: float | None, words: str
 ) -> None:
-    bench = Bench(tmp_path, monkeypatch, FakeChamber(chamber), timeout_min=4.0, **soak)
+    fed = over_temperature(tmp_path, monkeypatch, FakeChamber(chamber), timeout_min=4.0)
     with pytest.raises(InputError) as error:
         for second in range(400):
-            bench.feed(degc(second))
-    bench.close()
+            fed.feed(degc=degc(second))
     text = str(error.value)
     assert (
         words in text and "soak at 25 degC: not stable after 4 min" in text and "--resume" in text and "\n" not in text
     )
 
 
-def test_without_a_thermometer_in_the_instrument_the_operator_decides(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_thermometer_in_the_instrument_the_operator_decides(tmp_path, monkeypatch) -> None:
     chamber = FakeChamber(25.2)
-    bench = Bench(tmp_path, monkeypatch, chamber)
-    bench.until(Phase.RECORDING, np.nan)
+    fed = over_temperature(tmp_path, monkeypatch, chamber)
+    fed.until(Phase.RECORDING)
     # A chamber that fails during a dwell is reported.
     chamber.answer = "chamber fake: no answer"
-    bench.feed(np.nan, 3)
-    assert view_of(bench.guide).alarm == "chamber fake: no answer" and len(bench.entries("warned")) == 1
+    for _ in range(2):
+        fed.feed()
+    assert fed.guide.alarm == "chamber fake: no answer" and len(fed.entries("warned")) == 1
     chamber.answer = None
-    bench.until(Phase.TURN, np.nan)
-    bench.turned = -1.0
-    bench.until(Phase.SOAK, np.nan)
-    bench.feed(np.nan, 2)
-    assert "press Enter when it is stable" in view_of(bench.guide).alarm
+    fed.until(Phase.TURN)
+    fed.turned = -1.0
+    fed.until(Phase.SOAK)
+    fed.feed()
+    assert "press Enter when it is stable" in fed.guide.alarm
     # Postponed, and then requested again as the only soak that is left.
-    bench.guide.press("s")
-    assert replayed(bench.journal.entries()).postponed == {1} and bench.guide.phase == Phase.SOAK
-    bench.guide.press("\n")
-    bench.feed(np.nan)
-    assert bench.guide.phase == Phase.TURN
-    bench.close()
+    fed.guide.press("s")
+    assert fed.state.postponed == {1} and fed.guide.phase == Phase.SOAK
+    fed.guide.press("\n")
+    fed.feed()
+    assert fed.guide.phase == Phase.TURN
 
 
 @contextlib.contextmanager
@@ -396,24 +313,3 @@ def test_a_line_to_the_chamber_that_was_cut_is_opened_again(tmp_path: Path) -> N
     with scripted(tmp_path / "oven", lambda command: b"21.0\n"):
         assert chamber.temperature() == 21.0
         chamber.close()
-
-
-def test_a_slow_chamber_does_not_delay_the_capture() -> None:
-    entered, release = threading.Event(), threading.Event()
-
-    class Slow(FakeChamber):
-        def temperature(self) -> float:
-            entered.set()
-            release.wait(60)
-            return 30.0
-
-    chamber = Slow()
-    thread = ChamberThread(chamber, 100.0)
-    thread.request(55.0)
-    assert not thread.look() and entered.wait(60) and not thread.look() and thread.reading_degc is None
-    release.set()
-    while not thread.look():
-        time.sleep(0.01)
-    assert thread.reading_degc == 30.0 and not thread.look()
-    thread.close()
-    assert chamber.set == [55.0, math.inf]

@@ -4,6 +4,5 @@
 virtual instrument. `recordings`: formats of other programs, whose `columns` are interpreted and whose `rows` are repaired.
 `still`: intervals at rest. `reduction`: position means. `correction`: corrected readings.
 
-Nothing here needs JAX. What does (the live estimate, the virtual instrument's exact truth) is a plain callable
-that the command line passes in.
+Nothing here needs JAX. What does (the virtual instrument's exact truth) is a plain callable that the command line passes in.
 """

@@ -1,18 +1,17 @@
-"""The plan of a capture: a TOML file with positions, port, dwell time, and the data of the session."""
+"""The plan of a capture: a TOML file with positions, temperatures, port, dwell time, and the data of the session."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import product
+from itertools import groupby, product
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from tumblecal.capture.chamber.chamber_tables import Celsius, ChamberTable, SoakTable
-from tumblecal.capture.chamber.soak_order import soak_numbers
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, Gravity, normal_gravity
@@ -21,47 +20,45 @@ from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_tom
 
 SETUP = "capture_setup"
 _MOST_POSITIONS = 5000
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Celsius = Annotated[Number, Field(ge=-200, le=400)]
+# The rate of a temperature is determined over this fraction of the time for which it must be stable.
+RATE_FRACTION = 0.2
 # The next plan has different ones of these.
 _NOT_COPIED = {"session": {"title", "mount", "run", "notes"}, "port": {"serial_number"}}
+# The commands that read these two kinds of file: their contents in words, and the keys that no other kind has.
+_KINDS = {
+    "capture": (
+        "the plan of a capture",
+        ("session", "port", "positions", "dwell", "limits", "conditions", "soak"),
+    ),
+    "emulate": (
+        "the description of a virtual instrument",
+        ("instrument", "rig", "effects", "noise", "head", "temperature", "faults", "mistake"),
+    ),
+}
 
 
-class FileKind(NamedTuple):
-    """A kind of file: its name in words, its command, and the keys that no other kind has."""
-
-    what: str
-    command: str
-    keys: tuple[str, ...]
-
-
-PLAN = FileKind(
-    "the plan of a capture", "capture", ("session", "port", "positions", "dwell", "limits", "conditions", "soak")
-)
-INSTRUMENT = FileKind(
-    "the description of a virtual instrument",
-    "emulate",
-    ("instrument", "rig", "effects", "noise", "head", "temperature", "faults", "mistake"),
-)
-
-
-def check_kind(path: Path, content: Mapping[str, object], wanted: FileKind) -> None:
-    """Raise for a file of the other kind; `wanted` is `PLAN` or `INSTRUMENT`. Files with keys of both, or of none, pass.
+def check_kind(path: Path, content: Mapping[str, object], command: str) -> None:
+    """Raise for a file of the other command; `command` is "capture" or "emulate". Files with keys of both, or of none, pass.
 
     **Raises:** `InputError` with the kind of the file and its command.
     """
-    other = INSTRUMENT if wanted is PLAN else PLAN
-    if (found := [key for key in other.keys if key in content]) and not any(key in content for key in wanted.keys):
+    (other,) = _KINDS.keys() - {command}
+    (wanted, keys), (found, other_keys) = _KINDS[command], _KINDS[other]
+    if (seen := [key for key in other_keys if key in content]) and not any(key in content for key in keys):
         raise InputError(
-            f"{path}: {other.what} for tumblecal {other.command} (it has {', '.join(found)}); tumblecal {wanted.command} needs "
-            f"{wanted.what}"
+            f"{path}: {found} for tumblecal {other} (it has {', '.join(seen)}); tumblecal {command} needs {wanted}"
         )
 
 
 def names_of(names: Sequence[str]) -> tuple[str, ...]:
     """Names of dwells: the name of the position, numbered if it occurs again."""
-    counts: dict[str, int] = {}
+    counts = Counter[str]()
     numbered = []
     for name in names:
-        counts[name] = counts.get(name, 0) + 1
+        counts[name] += 1
         numbered.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
     return tuple(numbered)
 
@@ -85,9 +82,9 @@ class PortTable(Strict):
     baud: int | None = Field(default=None, gt=0)
     protocol: str = "stim300"
     serial_number: Line | None = None
-    range_g: Number | None = Field(default=None, gt=0)
-    rate_hz: Number | None = Field(default=None, gt=0)
-    speed: Number = Field(default=1.0, gt=0)
+    range_g: Positive | None = None
+    rate_hz: Positive | None = None
+    speed: Positive = 1.0
     columns: str = ""
     unit: str = ""
 
@@ -147,17 +144,17 @@ class PositionsTable(Strict):
 class DwellTable(Strict):
     """Dwell times, in seconds of the device's time."""
 
-    seconds: Number = Field(default=1200.0, gt=0)
-    settle_s: Number = Field(default=30.0, ge=0)
-    guard_s: Number = Field(default=0.0, ge=0)
+    seconds: Positive = 1200.0
+    settle_s: NotNegative = 30.0
+    guard_s: NotNegative = 0.0
 
 
 class PlannedConditions(Strict):
     """The conditions that a proposed plan assumes: times from the last measured position to the first of these, and from one
     to the next, and the temperature."""
 
-    after_s: Number | None = Field(default=None, ge=0)
-    step_s: Number | None = Field(default=None, ge=0)
+    after_s: NotNegative | None = None
+    step_s: NotNegative | None = None
     temperature_degc: Number | None = None
 
 
@@ -166,54 +163,124 @@ class LimitsTable(Strict):
 
     lost_fraction: Number = Field(default=0.01, ge=0, le=1)
     flagged_fraction: Number = Field(default=0.01, ge=0, le=1)
-    still_mg: Number = Field(default=2.0, gt=0)
-    position_deg: Number | None = Field(default=None, gt=0)
-    magnitude: Number = Field(default=0.05, gt=0)
-    noise_mg: Number | None = Field(default=None, gt=0)
+    still_mg: Positive = 2.0
+    position_deg: Positive | None = None
+    magnitude: Positive = 0.05
+    noise_mg: Positive | None = None
 
 
-class CapturePlan(Strict):
-    """A capture's plan."""
+class SoakTable(Strict):
+    """The criterion of a stable temperature, and whether the pitch settings of each soak are new.
+
+    For `stable_min` minutes, the sensor's temperature is within `tolerance_degc` of the requested one plus `offset_degc`
+    (self-heating), and changes by less than `rate_degc_per_min`. `timeout_min`: longest wait. `new_pitch_settings`: each soak
+    is a run, so the errors of its pitch settings differ from those of the other soaks.
+    """
+
+    tolerance_degc: Positive = 3.0
+    rate_degc_per_min: Positive = 0.05
+    stable_min: Positive = 10.0
+    timeout_min: Positive = 240.0
+    offset_degc: Number = 0.0
+    new_pitch_settings: bool = False
+
+    @property
+    def words(self) -> str:
+        """The criterion in words."""
+        about = f" plus {self.offset_degc:g}" if self.offset_degc else ""
+        return (
+            f"for {self.stable_min:g} min, the sensor's temperature is within {self.tolerance_degc:g} degC of the requested one"
+            f"{about} and changes by less than {self.rate_degc_per_min:g} degC/min (over {RATE_FRACTION * self.stable_min:g} "
+            f"min); longest wait {self.timeout_min:g} min"
+        )
+
+
+def _setting_command(text: str) -> str:
+    try:
+        if "40" in text.format(40.0):
+            return text
+    except (ValueError, LookupError, AttributeError):
+        pass
+    raise ValueError("must have {} where the temperature is inserted, such as 'SOUR:TEMP:SPO {}'")
+
+
+class ChamberTable(Strict):
+    """The line to a temperature chamber with commands in text; without `url`, the operator sets the chamber.
+
+    `set`: command with {} for the temperature, degC. `query`: asks for the temperature of the chamber; its reply is the number
+    at `query_field` of a line (1: the first). `set_query`, `set_query_field`: the same for the set point, "" for no check.
+    `start`: commands sent first. `finish_degc`: temperature to set when all positions are done.
+    """
+
+    url: str = ""
+    baud: int = Field(default=9600, gt=0)
+    set: Annotated[str, AfterValidator(_setting_command)] = "SOUR:TEMP:SPO {}"
+    query: str = Field(default="MEAS:TEMP?", min_length=1)
+    query_field: int = Field(default=1, ge=1)
+    set_query: str = ""
+    set_query_field: int = Field(default=1, ge=1)
+    start: list[str] = Field(default_factory=list)
+    terminator: Literal["LF", "CR", "CRLF"] = "LF"
+    timeout_s: Positive = 2.0
+    finish_degc: Celsius | None = None
+
+
+class _SetupTables(Strict):
+    """The tables of a plan that the data of the capture state."""
 
     session: Session = Session()
     port: PortTable = PortTable()
-    site: Site = Site()
-    positions: PositionsTable
     dwell: DwellTable = DwellTable()
     limits: LimitsTable = LimitsTable()
-    conditions: PlannedConditions = PlannedConditions()
     soak: SoakTable = SoakTable()
     chamber: ChamberTable = ChamberTable()
+
+
+class CapturePlan(_SetupTables):
+    """A capture's plan."""
+
+    site: Site = Site()
+    positions: PositionsTable
+    conditions: PlannedConditions = PlannedConditions()
 
     @cached_property
     def steps(self) -> list[PlanPosition]:
         """The positions in order, named; temperature is the slowest factor."""
-        given = self.positions.listed
-        if given is None:
-            pairs = product(self.positions.beta_deg or [], self.positions.alpha_deg or [])
-            given = [PlanPosition(alpha_deg=alpha, beta_deg=beta) for beta, alpha in pairs]
-        if temperatures := self.positions.temperature_degc:
-            given = [p.model_copy(update={"temperature_degc": degc}) for degc in temperatures for p in given]
-            names = names_of([p.name or str(k + 1) for k, p in enumerate(given)])
-            given = [p.model_copy(update={"name": name}) for p, name in zip(given, names, strict=True)]
-        return [p.model_copy(update={"name": p.name or str(k + 1)}) for k, p in enumerate(given)]
+        table = self.positions
+        given = table.listed or [
+            PlanPosition(alpha_deg=alpha, beta_deg=beta)
+            for beta, alpha in product(table.beta_deg or [], table.alpha_deg or [])
+        ]
+        degrees = table.temperature_degc or [None]
+        steps = [(p, p.temperature_degc if degc is None else degc) for degc in degrees for p in given]
+        names = [p.name or str(k + 1) for k, (p, _) in enumerate(steps)]
+        if table.temperature_degc:
+            names = names_of(names)
+        return [
+            p.model_copy(update={"name": name, "temperature_degc": degc})
+            for name, (p, degc) in zip(names, steps, strict=True)
+        ]
 
     @cached_property
     def soaks(self) -> list[int]:
-        """The soak of each position, from 0; 0 for all positions of a plan without temperatures."""
-        return soak_numbers([step.temperature_degc for step in self.steps])
+        """The soak of each position, from 0: a new one begins where the temperature changes; 0 without temperatures."""
+        grouped = groupby(step.temperature_degc for step in self.steps)
+        return [number for number, (_, same) in enumerate(grouped) for _ in same]
 
     @property
     def over_temperature(self) -> bool:
         """Whether the plan requests temperatures."""
         return self.steps[0].temperature_degc is not None
 
+    @cached_property
+    def directions(self) -> NDArray[np.float64]:
+        """Nominal specific force at each position in units of local gravity, sensor axes, shape (positions, 3)."""
+        forces = [gravity_in_head(np.radians(step.alpha_deg), np.radians(step.beta_deg)) for step in self.steps]
+        return np.array(forces) if self.mount is None else np.array(forces) @ self.mount.T
+
     def expected(self, position: int) -> NDArray[np.float64]:
         """Nominal specific force at a position in units of local gravity, sensor axes, shape (3,)."""
-        step = self.steps[position]
-        force = gravity_in_head(np.radians(step.alpha_deg), np.radians(step.beta_deg))
-        mount = self.mount
-        return force if mount is None else mount @ force
+        return self.directions[position]
 
     @property
     def mount(self) -> NDArray[np.float64] | None:
@@ -226,8 +293,8 @@ class CapturePlan(Strict):
         """Tolerance of a position: half the smallest separation, at most 10 degrees."""
         if self.limits.position_deg is not None:
             return self.limits.position_deg
-        forces = np.array([self.expected(k) for k in range(len(self.steps))])
-        separations = np.degrees(2 * np.arcsin(np.sqrt(np.clip((1.0 - forces @ forces.T) / 2, 0.0, 1.0))))
+        half_chords = np.sqrt(np.clip((1.0 - self.directions @ self.directions.T) / 2, 0.0, 1.0))
+        separations = np.degrees(2 * np.arcsin(half_chords))
         return float(np.min(separations[separations > 0.1] / 2, initial=10.0))
 
 
@@ -237,33 +304,20 @@ def read_plan(path: Path) -> CapturePlan:
     **Raises:** `InputError` with all faults; for the file of a virtual instrument, with this fault only.
     """
     content = read_toml(path)
-    check_kind(path, content, PLAN)
+    check_kind(path, content, "capture")
     return checked(path, content, CapturePlan)
 
 
-class CaptureSetup(Strict):
+class CaptureSetup(_SetupTables):
     """The set-up of a capture: session, port, dwell times, limits, soaks, chamber, and the rotation of the triad (deg)."""
 
-    session: Session = Session()
-    port: PortTable = PortTable()
-    dwell: DwellTable = DwellTable()
-    limits: LimitsTable = LimitsTable()
-    soak: SoakTable = SoakTable()
-    chamber: ChamberTable = ChamberTable()
     mount_rotation_deg: list[Number] | None = None
 
     @classmethod
     def of(cls, plan: CapturePlan) -> "CaptureSetup":
         """The set-up of a plan."""
-        return cls(
-            session=plan.session,
-            port=plan.port,
-            dwell=plan.dwell,
-            limits=plan.limits,
-            soak=plan.soak,
-            chamber=plan.chamber,
-            mount_rotation_deg=plan.positions.mount_rotation_deg,
-        )
+        tables = {name: getattr(plan, name) for name in _SetupTables.model_fields}
+        return cls(**tables, mount_rotation_deg=plan.positions.mount_rotation_deg)
 
     @property
     def text(self) -> str:
@@ -278,9 +332,7 @@ class CaptureSetup(Strict):
 
 def setup_of_comment(text: str | None) -> CaptureSetup | None:
     """The set-up from a comment; None if there is none, or it is not valid."""
-    if not text:
-        return None
     try:
-        return CaptureSetup.model_validate_json(text)
+        return CaptureSetup.model_validate_json(text) if text else None
     except ValidationError:
         return None

@@ -8,7 +8,7 @@ import contextlib
 import hashlib
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -50,18 +50,17 @@ class Attempt:
 
 @dataclass
 class RunState:
-    """The state of a run.
+    """The state of a run; changed by `apply` only.
 
     **Arguments:**
 
     - `accepted`: the valid attempt, per position.
     - `attempts`: number of attempts, per position.
     - `skipped`: postponed positions. `postponed`: numbers of postponed soaks.
-    - `session`: the entry that began the run. `device`: the last one about the device;
-      `devices`: all of them, one for each start of the recording.
-    - `to_compare`: whether the instrument may be different, so that a finished position is measured again first.
+    - `session`: the entry that began the run. `devices`: the entries about the device, one for each start of the recording.
+    - `to_confirm`: whether the instrument may be different, so that the operator must confirm it first.
+    - `doubts`: entries on an instrument that was not confirmed, and on its confirmation (older runs: a comparison).
     - `temperature_options`: options of the command about soaks and the chamber, the last of each.
-    - `doubts`: entries on an instrument that was not confirmed, and on the comparisons made for it.
     """
 
     accepted: dict[int, Attempt] = field(default_factory=dict)
@@ -69,29 +68,61 @@ class RunState:
     skipped: set[int] = field(default_factory=set)
     postponed: set[int] = field(default_factory=set)
     session: dict[str, Any] = field(default_factory=dict)
-    device: dict[str, Any] = field(default_factory=dict)
     devices: list[dict[str, Any]] = field(default_factory=list)
-    to_compare: bool = False
+    to_confirm: bool = False
     doubts: list[dict[str, Any]] = field(default_factory=list)
     temperature_options: dict[str, Any] = field(default_factory=dict)
 
     @property
+    def device(self) -> dict[str, Any]:
+        """The last entry about the device; empty if there is none."""
+        return self.devices[-1] if self.devices else {}
+
+    @property
     def serial_number(self) -> str | None:
         """The first serial number that the run's instrument stated; None if it never did."""
-        met = [*self.devices, self.device]
-        return next((device["serial_number"] for device in met if device.get("serial_number")), None)
+        return next((device["serial_number"] for device in self.devices if device.get("serial_number")), None)
 
     @property
     def configuration(self) -> dict | None:
         """The settings that the instrument stated last, if it did."""
-        met = [self.device, *self.devices]
-        stated = [e for device in met for e in device.get("events", []) if e["kind"] == "configuration"]
-        return stated[-1] if stated else None
+        events = [event for device in self.devices for event in device.get("events", [])]
+        return next((event for event in reversed(events) if event["kind"] == "configuration"), None)
 
     @property
     def last_accepted(self) -> Attempt | None:
         """The position that was finished last."""
         return max(self.accepted.values(), key=lambda attempt: attempt.wall_ns, default=None)
+
+    def apply(self, entry: dict[str, Any]) -> None:
+        """Change the state by the next entry of the journal."""
+        position = entry.get("position", -1)  # only the entries about a position have one
+        kind = entry["entry"]
+        match kind:
+            case "session":
+                self.session = entry
+            case "device":
+                self.devices.append(entry)
+                self.to_confirm &= not entry.get("serial_number")
+            case "identity_not_confirmed" | "identity_confirmed" | "identity_trusted" | "compared":
+                self.doubts.append(entry)
+                unknown = kind == "identity_not_confirmed" and bool(self.accepted)
+                self.to_confirm = unknown or (kind == "compared" and not entry["agrees"])
+            case "recording":
+                self.attempts[position] = entry["attempt"]
+            case "accepted":
+                older = {"log_before": entry["log_start"], "serial_number": self.device.get("serial_number")}
+                known = {name: value for name, value in (older | entry).items() if name in Attempt.__dataclass_fields__}
+                self.accepted[position] = Attempt(number=entry["attempt"], **known)
+                self.skipped.discard(position)
+            case "withdrawn":
+                self.accepted.pop(position, None)
+            case "skipped":
+                self.skipped.add(position)
+            case "soak_postponed":
+                self.postponed.add(entry["soak"])
+            case "temperature_options":
+                self.temperature_options |= entry["options"]
 
     def open_after(self, position: int, soaks: Sequence[int]) -> int | None:
         """The next position that is not done, after this one, then from the start; None if all are done.
@@ -107,46 +138,13 @@ class RunState:
         return min((k for k in range(count) if k not in self.accepted), key=order, default=None)
 
 
-def replayed(entries: list[dict[str, Any]]) -> RunState:
-    """The state of the run after these entries."""
+def replayed(entries: Iterable[dict[str, Any]]) -> RunState:
+    """The state of the run after these entries; a session that begins again after one without a device replaces it."""
     state = RunState()
     for entry in entries:
-        position = entry.get("position", -1)  # only the entries about a position have one
-        match entry["entry"]:
-            case "session":  # restarted after a run without a device
-                state = RunState(session=entry)
-            case "device":
-                state.device = entry
-                state.devices.append(entry)
-                if entry.get("serial_number"):
-                    state.to_compare = False
-            case "identity_not_confirmed":
-                state.doubts.append(entry)
-                state.to_compare = bool(state.accepted)
-            case "compared":
-                state.doubts.append(entry)
-                state.to_compare = not entry["agrees"]
-            case "identity_confirmed" | "identity_trusted":
-                state.doubts.append(entry)
-                state.to_compare = False
-            case "recording":
-                state.attempts[position] = entry["attempt"]
-            case "accepted":
-                names = ("position", "log_start", "log_stop", "sha256", "summary", "wall_ns")
-                values = {name: entry[name] for name in names}
-                values |= {"log_before": entry.get("log_before", entry["log_start"]), "clocks": entry.get("clocks", {})}
-                values |= {"serial_number": entry.get("serial_number", state.device.get("serial_number"))}
-                attempt = Attempt(number=entry["attempt"], **values)
-                state.accepted[position] = attempt
-                state.skipped.discard(position)
-            case "withdrawn":
-                state.accepted.pop(position, None)
-            case "skipped":
-                state.skipped.add(position)
-            case "soak_postponed":
-                state.postponed.add(entry["soak"])
-            case "temperature_options":
-                state.temperature_options |= entry["options"]
+        if entry["entry"] == "session":
+            state = RunState()
+        state.apply(entry)
     return state
 
 
@@ -164,10 +162,14 @@ def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict[str
         raise InputError(
             f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture (`tumblecal capture PLAN --out DIR`)"
         )
-    entries = [record.content() for record in read_log(path, faults=faults) if record.kind == RecordKind.JOURNAL]
+    entries = _entries(path, faults)
     if not entries or entries[0]["entry"] != "session":
         raise InputError(f"{path}: contains no capture; it may have been ended before the first entry")
     return entries
+
+
+def _entries(path: Path, faults: list[str] | None) -> list[dict[str, Any]]:
+    return [record.content() for record in read_log(path, faults=faults) if record.kind == RecordKind.JOURNAL]
 
 
 class Journal:
@@ -177,22 +179,25 @@ class Journal:
 
     - `folder`: the capture's folder.
 
+    `state`: of the run after all entries. `damage`: a line for each stretch of the journal without an entry.
+
     **Raises:** `InputError` if another capture has it open.
     """
 
+    state: RunState
+    damage: list[str]
+
     def __init__(self, folder: Path):
         self._writer = LogWriter(folder / JOURNAL_NAME)
-
-    def entries(self, faults: list[str] | None = None) -> list[dict[str, Any]]:
-        """All entries; `faults` receives a line for each stretch without an entry."""
-        return [
-            record.content()
-            for record in read_log(self._writer.path, faults=faults)
-            if record.kind == RecordKind.JOURNAL
-        ]
+        self.damage = []
+        try:
+            self.state = replayed(_entries(self._writer.path, self.damage))
+        except BaseException:
+            self.close()
+            raise
 
     def write(self, entry: str, **content: object) -> dict[str, Any]:
-        """Add an entry and return it with its time.
+        """Add an entry, apply it to the state, and return it with its time.
 
         **Raises:** `InputError` if the disk is full or fails, or the journal was deleted or moved.
         """
@@ -209,6 +214,7 @@ class Journal:
                 f"{path}: cannot be written any more ({error.strerror}); the positions accepted before are stored. "
                 "Check the disk, then --resume"
             ) from error
+        self.state.apply(full)
         self.check()
         return full
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
-from tumblecal.cli.live_estimate import live_estimate
 from tumblecal.cli.output import warn
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
@@ -31,19 +30,16 @@ class OperatorOptions:
     ----------
     wait
         Seconds to wait for a port that is not available yet. Example: --wait 60.
-    estimate
-        Display of the parameters and their standard uncertainties after each position. Example: --no-estimate.
     plain
         Printed lines instead of a redrawn screen. Example: --plain.
     yes
         With --resume: confirmation that the instrument has not been remounted. Example: --resume run1 --yes.
     trust_instrument
-        With --resume: no comparison at a finished position for an instrument without a serial number. Example:
+        With --resume: confirmation that an instrument that does not state its serial number is the same one. Example:
         --resume run1 --trust-instrument.
     """
 
     wait: float = 30.0
-    estimate: bool = True
     plain: bool = False
     yes: bool = False
     trust_instrument: bool = False
@@ -87,7 +83,7 @@ class ChamberOptions:
 
         **Raises:** `InputError` for a value that is not above 0, or for options that the plan does not need.
         """
-        from tumblecal.capture.chamber.chamber import OPERATOR
+        from tumblecal.capture.chamber.soak import OPERATOR
 
         criterion = {
             "tolerance_degc": self.soak_tolerance,
@@ -148,14 +144,13 @@ def capture(
             print(_end(run_folder))
             return
         given = {name: value for name, value in vars(temperature).items() if value is not None}
-        temperature = ChamberOptions(**(run_folder.state.temperature_options | given))
+        temperature = ChamberOptions(**(run_folder.journal.state.temperature_options | given))
         run_folder.plan = temperature.applied(run_folder.plan)
         if given:
             run_folder.journal.write("temperature_options", options=given)
-        live = live_estimate(run_folder.plan) if operator.estimate else None
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
-            run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
+            run(run_folder, confirm=operator.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number
     folder = run_folder.folder
@@ -178,7 +173,7 @@ def _end(run: "RunFolder") -> str:
 
 
 def _done(run: "RunFolder") -> str:
-    return f"{len(run.state.accepted)} of {len(run.plan.steps)} positions"
+    return f"{len(run.journal.state.accepted)} of {len(run.plan.steps)} positions"
 
 
 def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: str | None) -> "RunFolder":
@@ -195,7 +190,7 @@ def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: 
         if out is not None:
             raise InputError("capture: --out contradicts --resume, which continues in its folder; remove --out")
         resumed = resume_run(resume, port)
-        warn(resume, resumed.damage)
+        warn(resume, resumed.journal.damage)
         if not resumed.complete:
             print(f"{resume}: {_done(resumed)} done")
         return resumed

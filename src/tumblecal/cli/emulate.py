@@ -1,6 +1,7 @@
 """`tumblecal emulate`: a virtual instrument behind a pseudo-terminal."""
 
 import contextlib
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,7 +80,7 @@ def emulate(
         )
         with contextlib.suppress(OSError):  # the terminal may be gone
             print(f"{device.protocol.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
-        instrument.run(seconds)
+        instrument.run(math.inf if seconds is None else seconds)
     with contextlib.suppress(OSError):
         print(f"sent {device.ledger.intact} complete samples of {device.ledger.generated}", flush=True)
         if device.ledger.warning():
@@ -153,7 +154,8 @@ def exact_truth(
         run=plan.runs,
         mount=plan.mounts,
         time_s=np.zeros(count),
-        temperature_degc=np.full(count, 25.0),
+        # Effects of the temperature need several soaks.
+        temperature_degc=np.resize(np.linspace(0.0, 50.0, 6), count),
         approach=np.ones(count),
     )
     where = with_visits(where, {leaf.by for leaf in rig.leaves.values()})

@@ -1,1 +1,1 @@
-"""The temperature of a capture: soaks of a plan, the criterion of a stable temperature, and the chamber that is set."""
+"""The temperature of a capture: the chamber on its line, and the soaks of a plan."""

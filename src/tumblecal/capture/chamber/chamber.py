@@ -1,17 +1,27 @@
-"""Temperature chambers: their interface, the operator as one, and access to any of them without waiting."""
+"""A temperature chamber on a serial line (or a socket) with commands in text, such as those of SCPI."""
 
+import re
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol
 
-from tumblecal.capture.chamber.chamber_tables import ChamberTable
+from tumblecal.capture.capture_plan import ChamberTable
+from tumblecal.capture.port.transport import Port
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
 
 
-OPERATOR = "operator"
+_TRIES, _POLL_S = 3, 0.01
+_TERMINATORS = {"LF": "\n", "CR": "\r", "CRLF": "\r\n"}
+# Answers outside are no temperature of a chamber, degC.
+_LOWEST_DEGC, _HIGHEST_DEGC = -200.0, 400.0
+_SET_WITHIN_DEGC = 0.11
+_DEGC = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?:deg|°)?\s*C)?", re.IGNORECASE)
 
 
 class Chamber(Protocol):
-    """A temperature chamber; `name` identifies it in the journal and in messages."""
+    """A temperature chamber; its methods raise `InputError` in one line if it does not answer or accept a temperature."""
 
     @property
     def name(self) -> str:
@@ -19,17 +29,11 @@ class Chamber(Protocol):
         ...
 
     def set_temperature(self, degc: float) -> None:
-        """Request a temperature; does not wait until it is reached.
-
-        **Raises:** `InputError` in one line if the chamber does not accept it.
-        """
+        """Request a temperature; does not wait until it is reached."""
         ...
 
     def temperature(self) -> float | None:
-        """The temperature of the chamber, degC; None if it has no thermometer.
-
-        **Raises:** `InputError` in one line if it does not answer, or not with a temperature.
-        """
+        """The temperature of the chamber, degC; None if it has no thermometer."""
         ...
 
     def close(self) -> None:
@@ -37,89 +41,99 @@ class Chamber(Protocol):
         ...
 
 
-class OperatorChamber:
-    """A chamber that the operator sets when the screen requests it."""
-
-    name = OPERATOR
-
-    def set_temperature(self, degc: float) -> None:
-        """Nothing: the screen shows the temperature."""
-
-    def temperature(self) -> float | None:
-        """None: only the operator sees it."""
-        return None
-
-    def close(self) -> None:
-        """Nothing."""
-
-
-def chamber_of(table: ChamberTable) -> Chamber:
-    """The chamber of a plan.
-
-    **Raises:** `InputError` if its port cannot be opened, or it does not answer.
-    """
-    if not table.url:
-        return OperatorChamber()
-    from tumblecal.capture.chamber.text_chamber import TextChamber
-
-    return TextChamber(table)
-
-
-class ChamberThread:
-    """Access to a chamber in a separate thread: a slow answer does not delay a capture.
+class TextChamber:
+    """A `Chamber` with commands in text; its port is opened again after an interruption.
 
     **Arguments:**
 
-    - `chamber`: the chamber. `interval_s`: time between two queries, s.
+    - `table`: port and commands.
 
-    `reading_degc`: its last temperature; None if it has no thermometer, or failed.
+    **Raises:** `InputError` if the port cannot be opened.
     """
 
-    reading_degc: float | None
+    name: str
 
-    def __init__(self, chamber: Chamber, interval_s: float):
-        self.name, self._chamber, self._interval_s = chamber.name, chamber, interval_s
-        self._thread = ThreadPoolExecutor(1)
-        self._pending: Future[float | None] | None = None
-        self._wanted: float | None = None
-        self._due_s = 0.0
-        self.reading_degc = None
+    def __init__(self, table: ChamberTable):
+        self.name, self._table = table.url, table
+        self._port: Port | None = None
+        with self._line():
+            pass
 
-    def request(self, degc: float) -> None:
-        """Request a temperature at the next look."""
-        self._wanted, self._due_s = degc, 0.0
+    def set_temperature(self, degc: float) -> None:
+        """Request a temperature; the set point is read back if the table has a command for it."""
+        table, command = self._table, self._table.set.format(float(degc))
+        with self._line() as port:
+            self._send(port, command)
+        stated = self._asked(table.set_query, table.set_query_field) if table.set_query else degc
+        if abs(stated - degc) > _SET_WITHIN_DEGC:
+            raise InputError(
+                f"chamber {self.name}: the set point is {stated:g} degC after {command!r}: correct its limits, or chamber.set "
+                "of the plan"
+            )
 
-    def look(self) -> bool:
-        """Continue; return whether a new reading has come.
+    def temperature(self) -> float:
+        """The temperature of the chamber, degC."""
+        return self._asked(self._table.query, self._table.query_field)
 
-        **Raises:** `InputError` if the chamber failed; the next look tries again.
-        """
-        arrived = False
-        if self._pending is not None:
-            if not self._pending.done():
-                return False
-            answered, self._pending = self._pending, None
-            self._due_s, self.reading_degc = time.monotonic() + self._interval_s, None
-            self.reading_degc = answered.result()
-            arrived = self.reading_degc is not None
-        if time.monotonic() >= self._due_s:
-            self._pending = self._thread.submit(self._exchange, self._wanted)
-            self._wanted = None
-        return arrived
+    def close(self) -> None:
+        """Release the port."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
 
-    def _exchange(self, wanted: float | None) -> float | None:
-        if wanted is not None:
-            self._chamber.set_temperature(wanted)
-        return self._chamber.temperature()
-
-    def close(self, finish_degc: float | None = None) -> None:
-        """Release the chamber after the exchange in progress; `finish_degc` is set first.
-
-        **Raises:** `InputError` if this temperature cannot be set.
-        """
-        self._thread.shutdown(wait=True, cancel_futures=True)
+    @contextmanager
+    def _line(self) -> Iterator[Port]:
+        """The port, opened if needed."""
         try:
-            if finish_degc is not None:
-                self._chamber.set_temperature(finish_degc)
-        finally:
-            self._chamber.close()
+            if self._port is None:
+                self._port = Port(self.name, self._table.baud)
+                for command in self._table.start:
+                    self._send(self._port, command)
+            yield self._port
+        except InputError as error:
+            raise InputError(f"chamber: {error}") from error
+        except OSError as error:
+            self.close()
+            raise InputError(
+                f"chamber {self.name}: the line is interrupted ({error}); check its cable and power"
+            ) from error
+
+    def _send(self, port: Port, command: str) -> None:
+        """Send a command; answers to earlier ones are discarded."""
+        port.read()
+        port.write((command + _TERMINATORS[self._table.terminator]).encode())
+
+    def _asked(self, query: str, field: int) -> float:
+        """The number in the answer to a query, which is repeated twice if there is none."""
+        seen = ""
+        for _ in range(_TRIES):
+            with self._line() as port:
+                self._send(port, query)
+                for line in self._lines(port):
+                    if (value := _temperature_in(line, field)) is not None:
+                        return value
+                    seen = line
+        fault = f"no answer in {self._table.timeout_s:g} s; check cable, baud rate ({self._table.baud}) and terminator"
+        if seen:
+            fault = (
+                f"the answer {shown(seen)} has no temperature in degC at field {field}; set the controller to degC, "
+                "or correct chamber.query and query_field of the plan"
+            )
+        raise InputError(f"chamber {self.name}: {query!r}, asked {_TRIES} times: {fault}")
+
+    def _lines(self, port: Port) -> Iterator[str]:
+        """The lines of an answer until the timeout; an unfinished line at the end."""
+        rest, deadline = b"", time.monotonic() + self._table.timeout_s
+        while time.monotonic() < deadline:
+            *lines, rest = re.split(rb"[\r\n]+", rest + port.read())
+            yield from (line.decode(errors="replace").strip() for line in lines if line.strip())
+            time.sleep(_POLL_S)
+        if rest.strip():
+            yield rest.decode(errors="replace").strip()
+
+
+def _temperature_in(line: str, field: int) -> float | None:
+    """The number at a field (from 1) of a line, degC; None if it is none, or has another unit."""
+    fields = re.split(r"[,;]|\s+(?=[-+.\d])", line.strip())
+    found = _DEGC.fullmatch(fields[field - 1].strip()) if len(fields) >= field else None
+    return float(found[1]) if found and _LOWEST_DEGC <= float(found[1]) <= _HIGHEST_DEGC else None

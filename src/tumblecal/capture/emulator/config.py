@@ -6,14 +6,13 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from tumblecal.capture.capture_plan import INSTRUMENT, Site, check_kind
-from tumblecal.capture.chamber.chamber_tables import Celsius
+from tumblecal.capture.capture_plan import Celsius, NotNegative, Positive, Site, check_kind
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
 from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
 class Instrument(Strict):
-    """The device: protocol, serial number, range, rate; whether it answers commands, and how many it misses first.
+    """The device: protocol, serial number, range, rate; whether it answers commands.
 
     `temperature_degc`: at the beginning. `temperatures`: whether a STIM300 sends them; by default with a table chamber or
     temperature.
@@ -25,20 +24,19 @@ class Instrument(Strict):
     rate_hz: Number = Field(default=125.0, gt=0, le=20000)
     temperature_degc: Number = 25.0
     temperatures: bool | None = None
-    start_up_s: Number = Field(default=0.7, ge=0)
+    start_up_s: NotNegative = 0.7
     answers: bool = True
-    answers_after: int = Field(default=0, ge=0)
 
 
 class InstrumentNoise(Strict):
     """Noise of each axis, by its parts."""
 
-    white_g_per_rthz: Number = Field(default=41e-6, ge=0)
-    flicker_g: Number = Field(default=0.0, ge=0)
-    markov_sd_g: Number = Field(default=0.0, ge=0)
-    markov_time_s: Number = Field(default=100.0, gt=0)
-    walk_g_per_rts: Number = Field(default=0.0, ge=0)
-    gyro_sd_dps: Number = Field(default=0.01, ge=0)
+    white_g_per_rthz: NotNegative = 41e-6
+    flicker_g: NotNegative = 0.0
+    markov_sd_g: NotNegative = 0.0
+    markov_time_s: Positive = 100.0
+    walk_g_per_rts: NotNegative = 0.0
+    gyro_sd_dps: NotNegative = 0.01
     seed: Seed = 0
 
     @property
@@ -50,51 +48,24 @@ class InstrumentNoise(Strict):
         return Noise(tuple(part for part, size in zip(parts, sizes, strict=True) if size))
 
 
-class Ramp(Strict):
-    """A part of a chamber's profile: a ramp to a temperature (`degc_per_min`: by default that of the chamber), then a soak."""
-
-    to_degc: Celsius
-    degc_per_min: Number | None = Field(default=None, gt=0)
-    hold_min: Number = Field(default=0.0, ge=0)
-
-
 class VirtualChamberTable(Strict):
-    """The chamber around the instrument: rate and limits of its air, and a profile that runs until a temperature is set."""
+    """The chamber around the instrument: rate and limits of its air."""
 
-    ramp_degc_per_min: Number = Field(default=2.0, gt=0)
+    ramp_degc_per_min: Positive = 2.0
     lowest_degc: Celsius = -70.0
     highest_degc: Celsius = 180.0
-    profile: list[Ramp] = Field(default_factory=list)
-
-
-_Coefficients = Annotated[list[Number], Field(max_length=9)]
-
-
-class AxisPolynomials(Strict):
-    """Coefficients of T - reference, (T - reference)^2, ... for each axis."""
-
-    x: _Coefficients = Field(default_factory=list)
-    y: _Coefficients = Field(default_factory=list)
-    z: _Coefficients = Field(default_factory=list)
 
 
 class ThermalTable(Strict):
-    """Temperature of the die and of the thermometer in the instrument, and the errors that follow the die.
+    """Temperature of the die and of the thermometer in the instrument; effects of the temperature follow the die.
 
-    Lags are of the die behind the air and of the thermometer behind the die. `bias_mg` is in mg/degC, mg/degC^2, ...;
-    `scale_mg_per_g` in (mg/g)/degC, ...; `hysteresis_mg`: half of the distance of rising and falling branch, which is complete
-    after a change of direction by `hysteresis_degc`.
+    Lags are of the die behind the air and of the thermometer behind the die.
     """
 
-    reference_degc: Celsius = 25.0
-    die_lag_s: Number = Field(default=0.0, ge=0)
-    thermometer_lag_s: Number = Field(default=0.0, ge=0)
+    die_lag_s: NotNegative = 0.0
+    thermometer_lag_s: NotNegative = 0.0
     self_heating_degc: Number = 0.0
-    thermometer_noise_degc: Number = Field(default=0.0, ge=0)
-    bias_mg: AxisPolynomials = AxisPolynomials()
-    scale_mg_per_g: AxisPolynomials = AxisPolynomials()
-    hysteresis_mg: Annotated[list[Number], Field(min_length=3, max_length=3)] = Field(default=[0.0, 0.0, 0.0])
-    hysteresis_degc: Number = Field(default=10.0, gt=0)
+    thermometer_noise_degc: NotNegative = 0.0
 
 
 class Head(Strict):
@@ -102,26 +73,19 @@ class Head(Strict):
 
     alpha_deg: Number = 0.0
     beta_deg: Number = 0.0
-    turn_s: Number = Field(default=2.0, gt=0)
-    reaction_s: Number = Field(default=1.0, ge=0)
-    knock_g: Number = Field(default=0.02, ge=0)
+    turn_s: Positive = 2.0
+    reaction_s: NotNegative = 1.0
+    knock_g: NotNegative = 0.02
 
 
 class Faults(Strict):
     """Faults on request; rates are events a second of device time, times are seconds of device time."""
 
-    bit_flips_per_s: Number = Field(default=0.0, ge=0)
-    lost_bytes_per_s: Number = Field(default=0.0, ge=0)
-    garbage_per_s: Number = Field(default=0.0, ge=0)
-    missing_frames_per_s: Number = Field(default=0.0, ge=0)
-    exchanged_frames_per_s: Number = Field(default=0.0, ge=0)
-    repeated_frames_per_s: Number = Field(default=0.0, ge=0)
-    stalls_per_s: Number = Field(default=0.0, ge=0)
-    overloads_per_s: Number = Field(default=0.0, ge=0)
-    unplug_at_s: list[Number] = Field(default_factory=list)
-    unplug_for_s: Number = Field(default=1.0, gt=0)
-    restart_at_s: list[Number] = Field(default_factory=list)
-    stall_longest_s: Number = Field(default=0.4, gt=0)
+    missing_frames_per_s: NotNegative = 0.0
+    stalls_per_s: NotNegative = 0.0
+    overloads_per_s: NotNegative = 0.0
+    unplug_at_s: Annotated[list[Number], Field(default_factory=list)]
+    unplug_for_s: Positive = 1.0
 
 
 class Mistake(Strict):
@@ -146,7 +110,7 @@ class Emulation(Strict):
     head: Head = Head()
     chamber: VirtualChamberTable = VirtualChamberTable()
     temperature: ThermalTable = ThermalTable()
-    faults: Faults = Faults()
+    faults: Faults = Faults.model_validate({})
     mistake: list[Mistake] = Field(default_factory=list)
 
     @property
@@ -162,5 +126,5 @@ def read_emulation(path: Path) -> Emulation:
     **Raises:** `InputError` with all faults; for the plan of a capture, with this fault only.
     """
     content = read_toml(path)
-    check_kind(path, content, INSTRUMENT)
+    check_kind(path, content, "emulate")
     return checked(path, content, Emulation)

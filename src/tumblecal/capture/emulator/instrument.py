@@ -1,5 +1,6 @@
 """A running virtual instrument: device time follows the host's clock, faults occur, the head is turned."""
 
+import contextlib
 import json
 import math
 import time
@@ -8,17 +9,48 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.emulator.chamber_port import ChamberPort
+from tumblecal.capture.emulator.climate import Climate
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.virtual_port import VirtualPort
 from tumblecal.ground.atomic import write_text
 
 
 _TICK_S = 0.004
-_LONGEST_STEP_S = 0.25
+_LONGEST_STEP_S, _STALLS_S = 0.25, (0.02, 0.4)
+_FRAME_BYTES = 38
 
 # Called at every tick with the device; may turn the head, knock it, or return False to end.
 Operator = Callable[[VirtualDevice], bool]
+
+
+class ChamberPort:
+    """Answers `MEAS:TEMP?`, `SOUR:TEMP:SPO?` and `*IDN?`, and obeys `SOUR:TEMP:SPO 40.0`; other commands get no answer.
+
+    **Arguments:**
+
+    - `climate`: the chamber. `link`: name of the port.
+    """
+
+    def __init__(self, climate: Climate, link: Path):
+        self._climate, self.port, self._input = climate, VirtualPort(link), b""
+
+    def serve(self) -> None:
+        """Obey the commands that have arrived."""
+        *lines, self._input = (self._input + self.port.read()).replace(b"\r", b"\n").split(b"\n")
+        for line in lines:
+            answer = ""
+            match line.decode(errors="replace").upper().split():
+                case ["*IDN?"]:
+                    answer = "tumblecal,virtual chamber,0,1"
+                case ["MEAS:TEMP?"]:
+                    answer = f"{self._climate.air_degc:.2f}"
+                case ["SOUR:TEMP:SPO?"]:
+                    answer = f"{self._climate.set_point_degc:.2f}"
+                case ["SOUR:TEMP:SPO", number]:
+                    with contextlib.suppress(ValueError):
+                        self._climate.set_temperature(float(number))
+            if answer:
+                self.port.write(f"{answer}\r\n".encode())
 
 
 class VirtualInstrument:
@@ -34,9 +66,6 @@ class VirtualInstrument:
     - `chamber_link`: name of the chamber's port; None for a chamber that only the operator sets.
     """
 
-    device: VirtualDevice
-    port: VirtualPort
-
     def __init__(
         self,
         device: VirtualDevice,
@@ -46,29 +75,27 @@ class VirtualInstrument:
         ledger: Path | None = None,
         chamber_link: Path | None = None,
     ):
-        self.device, config = device, device.config
-        self.port = VirtualPort(link)
-        self._chamber_port = None if chamber_link is None else ChamberPort(device.chamber, chamber_link)
-        self._config, self._speed, self._operator, self._ledger = config, speed, operator, ledger
-        self._random = np.random.default_rng([config.noise.seed, 2])
-        self._unplugs = sorted(config.faults.unplug_at_s)
-        self._restarts = sorted(config.faults.restart_at_s)
-        self._replug_s = 0.0
-        self._held_until_s = 0.0
+        self.device, self.port, self.faults = device, VirtualPort(link), device.config.faults
+        self._chamber = None if chamber_link is None else ChamberPort(device.climate, chamber_link)
+        self._speed, self._operator, self._ledger = speed, operator or (lambda device: True), ledger
+        self._random = np.random.default_rng([device.config.noise.seed, 2])
+        self._unplugs = sorted(self.faults.unplug_at_s)
+        self._replug_s = self._held_until_s = 0.0
         self._held = b""
 
-    def run(self, seconds: float | None = None) -> None:
+    def run(self, seconds: float = math.inf) -> None:
         """Run for this many seconds of device time, or until the operator ends it."""
-        start, rate = time.monotonic(), self._config.instrument.rate_hz
+        ledger, rate_hz, start = self.device.ledger, self.device.rate_hz, time.monotonic()
         next_note = start + 1.0
         try:
-            while seconds is None or self.device.time_s < seconds:
-                due = int((time.monotonic() - start) * self._speed * rate) - self.device.ledger.generated
+            while self.device.time_s < seconds:
+                due = int((time.monotonic() - start) * self._speed * rate_hz) - ledger.generated
                 # A late computer sends in pieces, as the device would have done meanwhile.
-                count = min(due, math.ceil(_LONGEST_STEP_S * rate))
-                self._note_lag(due, due - count)
+                count = min(due, math.ceil(_LONGEST_STEP_S * rate_hz))
+                ledger.behind_s = (due - count) / rate_hz
+                ledger.longest_behind_s = max(ledger.longest_behind_s, ledger.behind_s)
                 self.step(count)
-                if self._operator is not None and not self._operator(self.device):
+                if not self._operator(self.device):
                     break
                 if time.monotonic() > next_note:
                     self._note()
@@ -76,60 +103,34 @@ class VirtualInstrument:
                 time.sleep(_TICK_S)
         finally:
             self._note()
-            self.port.close()
-            if self._chamber_port is not None:
-                self._chamber_port.close()
+            self.port.unplug()
+            if self._chamber is not None:
+                self._chamber.port.unplug()
 
     def step(self, n: int) -> None:
         """Let the device make `n` samples and send them, with the faults in between."""
-        self._cable()
-        if self._chamber_port is not None:
-            self._chamber_port.serve()
-        if self.port.plugged:
-            self.device.command(self.port.read())
-        data = self.device.advance(n)
-        if not self.port.plugged:
-            return
-        data = self._stalled(data, n)
-        overrun = self.port.write(data)
-        if overrun:
-            self.device.ledger.overrun += overrun // 38 + 1
-
-    def _cable(self) -> None:
-        now = self.device.time_s
-        if self._restarts and now >= self._restarts[0]:
-            self._restarts.pop(0)
-            self.device.restart()
-        if self._unplugs and now >= self._unplugs[0] and self.port.plugged:
-            self._unplugs.pop(0)
+        device, now_s = self.device, self.device.time_s
+        if not self.port.plugged and now_s >= self._replug_s:
+            self.port.plug()
+        elif self._unplugs and now_s >= self._unplugs[0]:
+            self._replug_s = self._unplugs.pop(0) + self.faults.unplug_for_s
             self.port.unplug()
             self._held = b""
-            self.device.plugged = False
-            self._replug_s = now + self._config.faults.unplug_for_s
-        elif not self.port.plugged and now >= self._replug_s:
-            self.port.plug()
-            self.device.plugged = True
-
-    def _stalled(self, data: bytes, n: int) -> bytes:
-        """Delay the bytes occasionally and send them late: nothing is lost."""
-        faults, now = self._config.faults, self.device.time_s
-        if now < self._held_until_s:
-            self._held += data
-            return b""
-        if faults.stalls_per_s and self._random.random() < faults.stalls_per_s * n / self._config.instrument.rate_hz:
-            self._held_until_s = now + self._random.uniform(0.02, faults.stall_longest_s)
-            self.device.ledger.stalls += 1
-        data, self._held = self._held + data, b""
-        return data
-
-    def _note_lag(self, due: int, remaining: int) -> None:
-        """Number of samples due now, and number remaining after this step."""
-        ledger, rate = self.device.ledger, self._config.instrument.rate_hz
-        ledger.latest_ms = max(ledger.latest_ms, 1e3 * due / rate / self._speed)
-        ledger.behind_s = remaining / rate
-        ledger.longest_behind_s = max(ledger.longest_behind_s, ledger.behind_s)
+        device.plugged = self.port.plugged
+        if self._chamber is not None:
+            self._chamber.serve()
+        if device.plugged:
+            device.command(self.port.read())
+        self._held += device.advance(n)
+        # A stall delays the bytes: nothing is lost.
+        if self._random.random() < self.faults.stalls_per_s * n / device.rate_hz:
+            self._held_until_s = now_s + self._random.uniform(*_STALLS_S)
+            device.ledger.stalls += 1
+        if device.plugged and now_s >= self._held_until_s:
+            overrun, self._held = self.port.write(self._held), b""
+            device.ledger.overrun += math.ceil(overrun / _FRAME_BYTES)
 
     def _note(self) -> None:
         if self._ledger is not None:
-            content = self.device.ledger.as_dict() | {"lost": self.device.ledger.lost(), "time_s": self.device.time_s}
+            content = self.device.ledger.as_dict() | {"time_s": self.device.time_s}
             write_text(self._ledger, json.dumps(content, indent=1) + "\n")

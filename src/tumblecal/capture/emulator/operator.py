@@ -7,11 +7,11 @@ import select
 import sys
 from pathlib import Path
 
-from tumblecal.capture.chamber.chamber import OPERATOR
+from tumblecal.capture.chamber.soak import OPERATOR
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import JOURNAL_NAME
-from tumblecal.capture.log import LogReader, RecordKind
+from tumblecal.capture.log import LogReader
 
 
 # Time after a turn until the recording must have begun.
@@ -27,38 +27,28 @@ class Typist:
 
     def __call__(self, device: VirtualDevice) -> bool:
         """Execute the commands typed since the last call; False to end."""
-        if not select.select([sys.stdin], [], [], 0)[0]:
-            return True
-        data = b""
-        with contextlib.suppress(OSError):  # the terminal is closed
-            data = os.read(sys.stdin.fileno(), 4096)
-        *lines, self._text = (self._text + data.decode(errors="replace")).split("\n")
-        return all([self._obey(line.split(), device) for line in lines])
-
-    def _obey(self, words: list[str], device: VirtualDevice) -> bool:
-        now = device.time_s
-        match words:
-            case []:
-                return True
-            case ["quit" | "q"]:
-                return False
-            case ["knock"]:
-                device.head.knock(now)
-            case ["restart"]:
-                device.restart()
-            case _:
-                try:
-                    if words[0] == "chamber":
-                        (degc,) = (float(w) for w in words[1:])
-                        device.chamber.set_temperature(degc)
-                        print(f"chamber set to {device.chamber.set_point_degc:g} degC", flush=True)
-                        return True
-                    alpha, beta = (float(w) for w in words)
-                except ValueError:
-                    print("type ALPHA BETA (degrees), chamber DEGC, knock, restart or quit", flush=True)
-                    return True
-                device.head.turn(alpha, beta, now)
-                print(f"turning to alpha {alpha:g}, beta {beta:g}", flush=True)
+        if select.select([sys.stdin], [], [], 0)[0]:
+            with contextlib.suppress(OSError):  # the terminal is closed
+                self._text += os.read(sys.stdin.fileno(), 4096).decode(errors="replace")
+        *lines, self._text = self._text.split("\n")
+        for words in filter(None, map(str.split, lines)):
+            try:
+                match words:
+                    case ["quit" | "q"]:
+                        return False
+                    case ["knock"]:
+                        device.head.knock(device.time_s)
+                    case ["restart"]:
+                        device.restart()
+                    case ["chamber", degc]:
+                        device.climate.set_temperature(float(degc))
+                        print(f"chamber set to {device.climate.set_point_degc:g} degC", flush=True)
+                    case _:
+                        alpha, beta = map(float, words)
+                        device.head.turn(alpha, beta, device.time_s)
+                        print(f"turning to alpha {alpha:g}, beta {beta:g}", flush=True)
+            except ValueError:
+                print("type ALPHA BETA (degrees), chamber DEGC, knock, restart or quit", flush=True)
         return True
 
 
@@ -73,68 +63,64 @@ class Follower:
     """
 
     def __init__(self, folder: Path, config: Emulation):
-        self._path = folder / JOURNAL_NAME
-        self._reaction_s = config.head.reaction_s
-        self._mistakes = {m.at: m for m in config.mistake}
+        self._path, self._reaction_s = folder / JOURNAL_NAME, config.head.reaction_s
+        self._mistakes = {mistake.at: mistake for mistake in config.mistake}
         self._reader: LogReader | None = None
         self._prompts = 0
-        self._due: tuple[float, float, float] | None = None
-        self._chamber_due: tuple[float, float] | None = None
-        self._target: tuple[float, float] | None = None
-        self._again_s = math.inf
+        # Angles and temperature that are due, and the times of these and of a repeated turn, s.
+        self._target = self._goal = (0.0, 0.0)
+        self._degc = 0.0
+        self._turn_s = self._chamber_s = self._again_s = math.inf
 
     def __call__(self, device: VirtualDevice) -> bool:
         """Execute the due actions; False when the capture has finished."""
         self._open_newest()
-        if self._reader is None:
-            return True
-        now = device.time_s
-        for record in self._reader.records():
-            if record.kind != RecordKind.JOURNAL:
-                continue
-            entry = record.content()
-            if entry["entry"] == "session":
-                self._prompts, self._due, self._chamber_due = 0, None, None
-            if entry["entry"] == "finished":
+        now_s = device.time_s
+        for record in self._reader.records() if self._reader is not None else ():
+            if record.content()["entry"] == "finished":
                 return False
-            if entry["entry"] in ("session", "prompted", "recording"):
-                self._again_s = math.inf
-            if entry["entry"] == "prompted":
-                self._prompts += 1
-                self._target = (entry["alpha_deg"], entry["beta_deg"])
-                self._due = (now + self._reaction_s, *self._goal())
-            if entry["entry"] == "soak" and entry["chamber"] == OPERATOR:
-                self._chamber_due = (now + self._reaction_s, entry["requested_degc"])
-            if entry["entry"] == "wrong_position" and self._target is not None:
-                self._due = (now + self._reaction_s, *self._target)
-        if self._due is not None and now >= self._due[0]:
-            if device.head.angles(now) != self._due[1:]:
-                device.head.turn(*self._due[1:], now)
-                self._again_s = now + _PATIENCE_S
-            self._due = None
-        if now >= self._again_s:
+            self._hear(record.content(), now_s + self._reaction_s)
+        if now_s >= self._turn_s:
+            self._turn_s = math.inf
+            if device.head.angles(now_s) != self._goal:
+                device.head.turn(*self._goal, now_s)
+                self._again_s = now_s + _PATIENCE_S
+        if now_s >= self._again_s:
             self._again_s = math.inf
-            device.head.turn(*device.head.angles(now), now)
-        if self._chamber_due is not None and now >= self._chamber_due[0]:
-            device.chamber.set_temperature(self._chamber_due[1])
-            self._chamber_due = None
+            device.head.turn(*device.head.angles(now_s), now_s)
+        if now_s >= self._chamber_s:
+            self._chamber_s = math.inf
+            device.climate.set_temperature(self._degc)
         return True
+
+    def _hear(self, entry: dict, due_s: float) -> None:
+        """React to an entry at this time."""
+        match entry["entry"]:
+            case "session":
+                self._prompts, self._turn_s, self._chamber_s, self._again_s = 0, math.inf, math.inf, math.inf
+            case "recording":
+                self._again_s = math.inf
+            case "prompted":
+                self._prompts += 1
+                self._target = self._goal = (entry["alpha_deg"], entry["beta_deg"])
+                self._turn_s, self._again_s = due_s, math.inf
+                if mistake := self._mistakes.get(self._prompts):
+                    alpha, beta = self._target
+                    self._goal = (alpha + mistake.alpha_offset_deg, beta + mistake.beta_offset_deg)
+            case "soak" if entry["chamber"] == OPERATOR:
+                self._degc, self._chamber_s = entry["requested_degc"], due_s
+            case "wrong_position" if self._prompts:
+                self._goal, self._turn_s = self._target, due_s
 
     def _open_newest(self) -> None:
         """The present journal: the folder of a failed capture may be deleted and created again."""
-        try:
-            newest = os.stat(self._path)
-            if self._reader is None or not os.path.samestat(newest, self._reader.stat()):
+        with contextlib.suppress(OSError):
+            if self._reader is None or not os.path.samestat(os.stat(self._path), self._reader.stat()):
                 fresh = LogReader(self._path)
-                if self._reader is not None:
-                    self._reader.close()
+                self.close()
                 self._reader = fresh
-        except OSError:
-            return
 
-    def _goal(self) -> tuple[float, float]:
-        assert self._target is not None
-        mistake = self._mistakes.get(self._prompts)
-        if mistake is None:
-            return self._target
-        return self._target[0] + mistake.alpha_offset_deg, self._target[1] + mistake.beta_offset_deg
+    def close(self) -> None:
+        """Close the journal."""
+        if self._reader is not None:
+            self._reader.close()

@@ -28,9 +28,8 @@ class VirtualPort:
         if link.exists() and not link.is_symlink():
             raise InputError(f"{link}: exists and is not a virtual port; give another name")
         self.link = link
-        self._waiting = bytearray()
+        self._waiting, self._read_at = bytearray(), time.monotonic()
         self._master = self._slave = -1
-        self._read_at = time.monotonic()
         self.plug()
 
     def plug(self) -> None:
@@ -47,13 +46,13 @@ class VirtualPort:
             raise InputError(f"{self.link}: cannot be made ({error.strerror}); give another name") from error
 
     def unplug(self) -> None:
-        """Unplug the cable: the name is removed, and readers get an error."""
-        self.link.unlink(missing_ok=True)
-        self._waiting.clear()
-        for descriptor in (self._master, self._slave):
-            with contextlib.suppress(OSError):
+        """Unplug the cable, if it is plugged in: the name is removed, and readers get an error."""
+        if self.plugged:
+            self.link.unlink(missing_ok=True)
+            self._waiting.clear()
+            for descriptor in (self._master, self._slave):
                 os.close(descriptor)
-        self._master = self._slave = -1
+            self._master = self._slave = -1
 
     @property
     def plugged(self) -> bool:
@@ -69,19 +68,12 @@ class VirtualPort:
         self._waiting += data[: len(data) - overrun]
         with contextlib.suppress(BlockingIOError):
             while self._waiting:
-                sent = os.write(self._master, self._waiting[:65536])
-                del self._waiting[:sent]
+                del self._waiting[: os.write(self._master, self._waiting[:65536])]
                 self._read_at = time.monotonic()
         return overrun
 
     def read(self) -> bytes:
         """The commands sent to the device."""
-        try:
+        with contextlib.suppress(OSError):
             return os.read(self._master, 4096)
-        except (BlockingIOError, OSError):
-            return b""
-
-    def close(self) -> None:
-        """Remove the port."""
-        if self.plugged:
-            self.unplug()
+        return b""

@@ -1,4 +1,4 @@
-"""One attempt at one position: the samples as they arrive, intermediate statistics, and the summary at the end."""
+"""One attempt at one position: the samples as they arrive, their losses, and the summary at the end."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,7 +11,7 @@ from tumblecal.capture.decoding.losses import Losses, count_losses, losses_from_
 from tumblecal.capture.decoding.samples import Samples, Status
 from tumblecal.capture.port.live import Arrived, collected
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.run.stationarity import Block, BlockCutter, Stationarity, mean_variance, stationarity
+from tumblecal.capture.run.rest import Blocks, Stationarity
 from tumblecal.ground.counted import counted
 
 
@@ -25,87 +25,87 @@ class Dwell:
 
     **Arguments:**
 
-    - `number`: number of the attempt. `needed`: required good samples. `block`: samples in a block of about a second.
+    - `number`: number of the attempt. `needed`: required good samples. `blocks`: for the good samples, empty.
     - `to_local_g`: factor from standard g to local g. `before`: the samples just before it: a late frame may belong there.
+
+    `good`: number of samples without a status bit; only these are used. `flagged`: number of the others.
     """
 
     number: int
     needed: int
-    block: int
+    blocks: Blocks
     to_local_g: float
-    before: Arrived | None = None
+    before: list[Arrived]
     parts: list[Arrived] = field(default_factory=list)
-    blocks: list[Block] = field(default_factory=list)
     good: int = 0
     flagged: int = 0
 
-    def __post_init__(self) -> None:
-        self._cutter = BlockCutter(self.block)
-        self._sum = np.zeros(3)
-        self._squares = np.zeros(3)
-        self._first: NDArray[np.float64] | None = None
-
     def take(self, part: Arrived) -> None:
-        """Add new samples; samples with a status bit are counted but not used."""
-        if not len(part.samples):
-            return
-        self.parts.append(part)
-        use = (part.samples.status == 0) & np.isfinite(part.samples.force).all(1)
-        force = part.samples.force[use] * self.to_local_g
-        self.flagged += int((~use).sum())
-        self.good += len(force)
-        if self._first is None and len(force):
-            self._first = force[0]
-        if self._first is not None:
-            self._sum += (force - self._first).sum(0)
-            self._squares += ((force - self._first) ** 2).sum(0)
-        self.blocks += self._cutter.add(force)
+        """Add new samples."""
+        if len(part.samples):
+            self.parts.append(part)
+            force = self._good(part.samples)
+            self.good += len(force)
+            self.flagged += len(part.samples) - len(force)
+            self.blocks.add(force)
 
-    @property
-    def mean(self) -> NDArray[np.float64]:
-        """Mean specific force so far, local g; NaN before the first sample."""
-        return self._first + self._sum / self.good if self._first is not None else np.full(3, np.nan)
-
-    @property
-    def sd(self) -> NDArray[np.float64]:
-        """Standard deviation of a sample so far."""
-        if self.good < 2:
-            return np.full(3, np.nan)
-        return np.sqrt(np.maximum(self._squares - self._sum**2 / self.good, 0) / (self.good - 1))
-
-    @property
-    def log_range(self) -> tuple[int, int]:
-        """The records of the raw log with this attempt."""
-        return int(self.parts[0].log_start[0]), int(self.parts[-1].log_stop[-1])
-
-    @property
-    def log_before(self) -> int:
-        """Start of the records in the raw log that came just before this attempt."""
-        before = self.before
-        return int(before.log_start[0]) if before is not None and len(before.samples) else self.log_range[0]
+    def _good(self, samples: Samples) -> NDArray[np.float64]:
+        """Specific force of the good samples, local g."""
+        use = (samples.status == 0) & np.isfinite(samples.force).all(1)
+        return samples.force[use] * self.to_local_g
 
     def paused_lately(self, seconds: float) -> bool:
         """Whether nothing arrived for a while near the end, so that later samples must show the loss."""
         stamps = np.concatenate([p.host_s for p in self.parts])
-        late = stamps[stamps > stamps[-1] - seconds]
-        return len(late) > 1 and float(np.diff(late).max()) > _PAUSE_S
+        return bool((np.diff(stamps[stamps > stamps[-1] - seconds]) > _PAUSE_S).any())
 
     def losses(self, protocol: Protocol, rate_hz: float | None, after: list[Arrived]) -> Losses:
         """Samples lost during the attempt; `after` are the samples after it, which resolve a late gap."""
-        before = [self.before] if self.before is not None else []
-        samples, host_s = collected([*before, *self.parts, *after])
-        start = sum(len(p.samples) for p in before)
-        inside = range(start, start + sum(len(p.samples) for p in self.parts))
-        specials = [event.stop for part in (*before, *self.parts) for event in part.events if event.counted]
+        samples, host_s = collected([*self.before, *self.parts, *after])
+        start = sum(len(p.samples) for p in self.before)
+        inside = range(start, start + self.good + self.flagged)
+        specials = [event.stop for part in (*self.before, *self.parts) for event in part.events if event.counted]
         return losses_of(protocol, samples, host_s, rate_hz, inside, specials)
+
+    def refusal(self, losses: Losses, limits: LimitsTable) -> str:
+        """Why the attempt must be repeated; empty if it is good."""
+        if losses.lost > limits.lost_fraction * self.needed:
+            sent = self.good + self.flagged + losses.lost
+            return (
+                f"{losses.lost} of {sent} samples lost ({100 * losses.lost / sent:.1f} %), {counted(len(losses.gaps), 'gap')}; "
+                f"limits.lost_fraction allows {100 * limits.lost_fraction:g} %"
+            )
+        if self.flagged > limits.flagged_fraction * self.needed:
+            return f"{self._flagged_words}; limits.flagged_fraction allows {100 * limits.flagged_fraction:g} %"
+        return ""
+
+    def warning(self, found: Stationarity, limits: LimitsTable) -> str:
+        """Faults so far, in words; empty for none."""
+        words = []
+        if found.knocks:
+            words.append(f"knock: {len(found.knocks)} outlier block(s)")
+        elif found.creep:
+            words.append(f"creeping: {found.tilt_arcsec:.0f} arcsec or {abs(found.drift_g).max() * 1e6:.0f} ug so far")
+        if self.flagged > max(limits.flagged_fraction * self.needed, 1):
+            words.append(self._flagged_words)
+        noise_mg = 1e3 * self.blocks.sd_g.mean(0).max()
+        if limits.noise_mg is not None and noise_mg > 3 * limits.noise_mg:
+            words.append(f"noise {noise_mg:.2f} mg, expected {limits.noise_mg:g} mg")
+        return "; ".join(words)
+
+    @property
+    def _flagged_words(self) -> str:
+        of = self.good + self.flagged
+        return f"{self.flagged} of {of} samples without a number or flagged by the device (overload, error)"
 
     def summary(self, losses: Losses) -> dict[str, Any]:
         """The summary for the journal."""
-        still = stationarity(self.blocks)
+        found, force = self.blocks.stationarity(), np.concatenate([self._good(p.samples) for p in self.parts])
+        degc = np.concatenate([p.samples.temperature for p in self.parts])
+        degc = degc[np.isfinite(degc)]
         return {
-            "mean_g": self.mean.tolist(),
-            "sd_g": self.sd.tolist(),
-            "sd_of_mean_g": np.sqrt(mean_variance(self.blocks)).tolist() if self.blocks else self.sd.tolist(),
+            "mean_g": force.mean(0).tolist(),
+            "sd_g": force.std(0, ddof=min(1, len(force) - 1)).tolist(),
             "n": self.good,
             "flagged": self.flagged,
             "lost": losses.lost,
@@ -113,17 +113,10 @@ class Dwell:
             "lost_counted": losses.counted,
             "replaced_by_replies": losses.replaced,
             "rate_hz": losses.rate_hz,
-            "knocks": still.knocks,
-            "creep": still.creep,
-            "drift_g": still.drift_g.tolist(),
-            "tilt_arcsec": still.tilt_arcsec,
-            "temperature_degc": self._temperature(),
+            **found._asdict(),
+            "drift_g": found.drift_g.tolist(),
+            "temperature_degc": float(degc.mean()) if len(degc) else None,
         }
-
-    def _temperature(self) -> float | None:
-        values = np.concatenate([p.samples.temperature for p in self.parts])
-        values = values[np.isfinite(values)]
-        return float(values.mean()) if len(values) else None
 
 
 def losses_of(
@@ -138,9 +131,7 @@ def losses_of(
     counter, inside = protocol.counter, slice(attempt.start, attempt.stop)
     if counter is None or not len(samples) or samples.counter[0] < 0:
         return losses_from_time(host_s[inside], None).by_device(samples.clock[inside], host_s[inside])
-    step = None
-    if counter.ticks_per_s is not None and rate_hz:
-        step = max(1, round(counter.ticks_per_s / rate_hz))
+    step = max(1, round(counter.ticks_per_s / rate_hz)) if counter.ticks_per_s is not None and rate_hz else None
     specials = np.searchsorted(samples.stop, np.array(special_stops, np.int64)) - 1
     starting = (samples.status & Status.STARTING) != 0
     restarts = np.flatnonzero(~starting[:-1] & starting[1:])
@@ -148,33 +139,3 @@ def losses_of(
     found = found.by_device(samples.clock, host_s)
     gaps = [gap for gap in found.gaps if attempt.start <= gap.after < attempt.stop - 1]
     return replace(found, lost=sum(g.lost for g in gaps), unresolved=sum(not g.resolved for g in gaps), gaps=gaps)
-
-
-def warning(dwell: Dwell, seen: Stationarity, limits: LimitsTable) -> str:
-    """Faults of a dwell so far, in words; empty for none."""
-    words = []
-    if seen.knocks:
-        words.append(f"knock: {len(seen.knocks)} outlier block(s)")
-    if seen.creep and not seen.knocks:
-        words.append(f"creeping: {seen.tilt_arcsec:.0f} arcsec or {abs(seen.drift_g).max() * 1e6:.0f} ug so far")
-    if dwell.flagged > max(limits.flagged_fraction * dwell.needed, 1):
-        words.append(f"{dwell.flagged} samples without a number or flagged by the device (overload, error)")
-    if limits.noise_mg is not None and dwell.sd.max() > 3e-3 * limits.noise_mg:
-        words.append(f"noise {dwell.sd.max() * 1e3:.2f} mg, expected {limits.noise_mg:g} mg")
-    return "; ".join(words)
-
-
-def refusal(dwell: Dwell, losses: Losses, limits: LimitsTable) -> str:
-    """Why an attempt must be repeated; empty if it is good."""
-    if losses.lost > limits.lost_fraction * dwell.needed:
-        sent = dwell.good + dwell.flagged + losses.lost
-        return (
-            f"{losses.lost} of {sent} samples lost ({100 * losses.lost / sent:.1f} %) in {counted(len(losses.gaps), 'gap')}; "
-            f"limits.lost_fraction allows {100 * limits.lost_fraction:g} %"
-        )
-    if dwell.flagged > limits.flagged_fraction * dwell.needed:
-        return (
-            f"{dwell.flagged} of {dwell.good + dwell.flagged} samples without a number or flagged by the device (overload, "
-            f"error); limits.flagged_fraction allows {100 * limits.flagged_fraction:g} %"
-        )
-    return ""

@@ -2,7 +2,6 @@
 
 import platform
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -22,21 +21,17 @@ class RunFolder:
 
     **Arguments:**
 
-    - `folder`: the folder. `plan`: the plan.
-    - `state`: state of the run.
-    - `journal`: open for writing. `damage`: a line for each stretch of it without an entry.
+    - `folder`: the folder. `plan`: the plan. `journal`: open for writing, with the state of the run.
     """
 
     folder: Path
     plan: CapturePlan
-    state: RunState
     journal: Journal
-    damage: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
         """Whether all positions are done."""
-        return len(self.state.accepted) == len(self.plan.steps)
+        return len(self.journal.state.accepted) == len(self.plan.steps)
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -62,9 +57,9 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
         protocol(plan.port.protocol)
     writable_folder(folder)
     _check_room(plan, folder)
-
-    def start(journal: Journal) -> RunFolder:
-        if any(entry["entry"] == "device" for entry in journal.entries()):
+    journal = Journal(folder)
+    try:
+        if journal.state.devices or journal.state.attempts:
             raise InputError(
                 f"{folder}: contains a capture already; resume it by --resume {folder}, or give another folder"
             )
@@ -84,9 +79,10 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
             | {"python": platform.python_version()},
             clocks=clocks(),
         )
-        return RunFolder(folder, plan, RunState(), journal)
-
-    return _held(folder, start)
+        return RunFolder(folder, plan, journal)
+    except BaseException:
+        journal.close()
+        raise
 
 
 def resume(folder: Path, port: str | None = None) -> RunFolder:
@@ -94,15 +90,8 @@ def resume(folder: Path, port: str | None = None) -> RunFolder:
 
     **Raises:** `InputError` if there is none, another process has locked it, or its plan was changed.
     """
-    read_journal(folder)
-
-    def take_up(journal: Journal) -> RunFolder:
-        damage = list[str]()
-        state = replayed(journal.entries(damage))
-        plan = plan_of_run(folder, state)
-        return RunFolder(folder, _with_port(plan, port), state, journal, tuple(damage))
-
-    return _held(folder, take_up)
+    plan = plan_of_run(folder, replayed(read_journal(folder)))
+    return RunFolder(folder, _with_port(plan, port), Journal(folder))
 
 
 def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
@@ -123,16 +112,6 @@ def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
     return plan
 
 
-def _held(folder: Path, use: Callable[[Journal], RunFolder]) -> RunFolder:
-    """The result of `use` for the folder's journal, which is opened exclusively, and closed if `use` fails."""
-    journal = Journal(folder)
-    try:
-        return use(journal)
-    except BaseException:
-        journal.close()
-        raise
-
-
 def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:
     if port is not None:
         plan = plan.model_copy(update={"port": plan.port.model_copy(update={"url": port})})
@@ -142,6 +121,7 @@ def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:
 
 
 def _check_room(plan: CapturePlan, folder: Path) -> None:
+    """Raise if the disk is too small for twice the dwells and four times the soaks, at 80 bytes a sample."""
     seconds = 2 * len(plan.steps) * (plan.dwell.seconds + plan.dwell.settle_s)
     seconds += 4 * 60 * plan.soak.stable_min * (plan.soaks[-1] + 1) * plan.over_temperature
     need = seconds * (plan.port.rate_hz or 2000.0) * 80
