@@ -18,14 +18,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from thermal_instrument import Programme, Unit, attitudes, instrument, means, readings, soak_means, truth
-from thermal_tables import table_of
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.precision import enable_float64
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.thermal.choice import Stated
 from tumblecal.thermal.result import ThermalResult, thermal_calibration
 
@@ -106,6 +107,23 @@ def measured(
         moved = np.asarray(columns["temperature_degc"]) > (unit.low + unit.high) / 2
         columns["readings"][moved & (np.array(columns["attitude"]) == "a0")] += 5e-3 * rng.normal(size=3)
     return columns
+
+
+def table_of(attitude: Sequence[str], readings: ArrayLike, sd: ArrayLike, temperature_degc: ArrayLike, **columns):
+    """A table; single numbers are valid for all rows. By default: one row a minute, all on one rising branch and clock."""
+    count, columns = len(attitude), {"n": 1000.0, "direction": 0, "rate_degc_per_s": 0.0, "source": "arrays", **columns}
+    columns = {name: values for name, values in columns.items() if values is not None}
+    usual = {"branch": ("arrays:1 up",) * count, "clock": ("1",) * count, "time_s": 60.0 * np.arange(count)}
+    usual |= {"reached_by": columns["direction"], "n_eff": columns["n"]}
+    given = usual | columns | {"sd": sd, "temperature_degc": temperature_degc}
+    for name, values in given.items():
+        if name in ("branch", "clock", "mount"):
+            given[name] = tuple(values)
+        elif name not in ("source", "comments", "files"):
+            array = np.asarray(values, int if name in ("direction", "reached_by") else float)
+            array = array[:, None] if name in ("sd", "n_eff") and array.shape == (count,) != (3,) else array
+            given[name] = np.broadcast_to(array, (count, 3) if name in ("sd", "n_eff") else (count,)).copy()
+    return ThermalTable(attitude=tuple(attitude), readings=np.asarray(readings, float), **given)
 
 
 def outcome(rng: np.random.Generator, plan: tuple[str, int, int], lacking: bool) -> Outcome:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from thermal_bench import table_of
 from thermal_instrument import Programme, Unit, attitudes, instrument, means, readings, soak_means, truth
-from thermal_tables import table_of
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
