@@ -124,7 +124,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with Emulator(folder, "[noise]\nseed = 3\n") as emulator:
         capture = CaptureProcess(folder, "plan.toml", "--out", "run", "--plain")
         done: set[str] = set()
-        turned = ""
+        turned = "0"  # where the head is at first: a turn there might come while it is recorded
         deadline = time.monotonic() + 600
         while capture.running and time.monotonic() < deadline:
             for line in capture.lines():

@@ -75,7 +75,7 @@ BAD = {
     "nothing in it": (lambda t: t.head(0), "no rows; write a row for each sample"),
     "one position lacks samples": (
         lambda t: t.filter(pl.col("position") != 5),
-        "no samples of position 5 of {means}; it has 1, 2, 3, 4 ...",
+        "no samples of position 5 of {means}; it has 1, 2, 3, 4 and 19 more",
     ),
     "of other positions": (
         lambda t: t.with_columns(pl.col("position") % 24 + 1),

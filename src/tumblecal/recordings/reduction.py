@@ -6,7 +6,7 @@ the closed form for means. sd / sqrt(n) would be too small. The noise that neigh
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +91,7 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
                 "sd_of_mean_g": sd.tolist(),
                 "batch_means_sd_g": batch_means_sd(force).tolist(),
                 "white_noise_sd_g": white_sd(force).tolist(),
-                "checks": checks.as_dict(),
+                "checks": asdict(checks),
             }
             for name, entries, force, sd, checks in zip(
                 data.names, more, reduction.quiet, data.sd, reduction.checks, strict=True

@@ -31,7 +31,7 @@ from tumblecal.recordings.options import KnownContext
 
 _NEAR_FULL_SCALE = 0.98
 _AFTER_BYTES = 1 << 20
-_FEWEST = 8
+_FEWEST_GOOD = 8
 
 
 def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> DwellSamples:
@@ -148,7 +148,7 @@ def _decoded(
     guard = round(plan.dwell.guard_s * rate_hz)
     inside = samples[attempted.start + guard : attempted.stop - guard]
     use = (inside.status == 0) & np.isfinite(inside.force).all(1)
-    if use.sum() < _FEWEST:
+    if use.sum() < _FEWEST_GOOD:
         raise InputError(f"{raw}: position {name}: only {use.sum()} good samples; repeat it")
     full = settings.range_g if settings and settings.range_g else (np.inf,) * 3
     near_full = (np.abs(inside.force) > _NEAR_FULL_SCALE * np.array(full)).any(1)

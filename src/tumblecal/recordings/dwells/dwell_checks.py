@@ -1,9 +1,8 @@
 """Checks of one dwell: warm-up, trend, outliers, spectral lines, quantisation, saturation, losses."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +47,6 @@ class DwellChecks:
     lost_unresolved: int
     warnings: list[str]
 
-    def as_dict(self) -> dict[str, Any]:
-        """The findings as keys and values of a file."""
-        return asdict(self)
-
 
 def check_dwell(
     force: NDArray[np.float64],
@@ -77,48 +72,46 @@ def check_dwell(
     centred = force - np.median(force, axis=0)
     scale = 1.4826 * np.median(np.abs(centred), axis=0)
     outliers = (np.abs(centred) > _OUTLIER_SD * np.maximum(scale, 1e-12)).sum(0)
-    lines = _lines(force, rate_hz)
     step = [_smallest_step(force[:, axis]) for axis in range(3)]
-    warnings = [
-        *_drift_words(amplitude, tau, p, slope, t),
-        *_sample_words(outliers, lines),
-        *_step_words(step, force.std(0)),
-        *_count_words(saturated, lost, lost_unresolved),
-        *filter(None, [rate_fault]),
-    ]
-    drift = amplitude.tolist(), tau, p, slope.tolist(), t.tolist()
-    return DwellChecks(*drift, outliers.tolist(), lines, step, saturated, lost, lost_unresolved, warnings)
+    checks = DwellChecks(
+        amplitude.tolist(),
+        tau,
+        p,
+        slope.tolist(),
+        t.tolist(),
+        outliers.tolist(),
+        _lines(force, rate_hz),
+        step,
+        saturated,
+        lost,
+        lost_unresolved,
+        [],
+    )
+    return replace(checks, warnings=[*_words(checks, force.std(0)), *filter(None, [rate_fault])])
 
 
-def _drift_words(amplitude: np.ndarray, tau: float, p: float, slope: np.ndarray, t: np.ndarray) -> Iterator[str]:
-    if p < _WARM_UP_P:
-        yield f"warm-up: {np.abs(amplitude).max() * 1e6:.0f} ug, time constant {tau:.0f} s"
-    elif (np.abs(t) > _TREND_T).any():
-        axis = int(np.argmax(np.abs(t)))
-        yield f"trend: axis {AXES[axis]} {slope[axis] * 1e6:+.0f} ug/h ({abs(t[axis]):.0f} sd)"
-
-
-def _sample_words(outliers: np.ndarray, lines: list[Line]) -> Iterator[str]:
-    if (outliers > 3).any():
-        yield f"outliers: {', '.join(f'{k} on {a}' for a, k in zip(AXES, outliers, strict=True) if k)}"
-    if lines:
-        line = max(lines, key=lambda line: line.amplitude_ug)
+def _words(checks: DwellChecks, sd: NDArray[np.float64]) -> Iterator[str]:
+    """The findings in words; `sd` (3): of the samples, g."""
+    if checks.warm_up_p < _WARM_UP_P:
+        yield f"warm-up: {np.abs(checks.warm_up_g).max() * 1e6:.0f} ug, time constant {checks.warm_up_time_s:.0f} s"
+    elif np.abs(checks.trend_t).max() > _TREND_T:
+        axis = int(np.argmax(np.abs(checks.trend_t)))
+        slope_ug = checks.trend_g_per_h[axis] * 1e6
+        yield f"trend: axis {AXES[axis]} {slope_ug:+.0f} ug/h ({abs(checks.trend_t[axis]):.0f} sd)"
+    if max(checks.outliers) > 3:
+        yield f"outliers: {', '.join(f'{k} on {a}' for a, k in zip(AXES, checks.outliers, strict=True) if k)}"
+    if checks.lines:
+        line = max(checks.lines, key=lambda line: line.amplitude_ug)
         cause = f" ({line.cause})" if line.cause else ""
         yield f"spectral line: axis {line.axis} {line.frequency_hz:.2f} Hz, {line.amplitude_ug:.0f} ug{cause}"
-
-
-def _step_words(step: list[float], sd: np.ndarray) -> Iterator[str]:
-    coarse = [a for a, s, q in zip(AXES, sd, step, strict=True) if q == 0 or q > 2 * s]
-    if coarse:
-        width = f" ({1e3 * max(step):.3g} mg)" if max(step) > 0 else ""
+    if coarse := [a for a, s, q in zip(AXES, sd, checks.step_g, strict=True) if q == 0 or q > 2 * s]:
+        width = f" ({1e3 * max(checks.step_g):.3g} mg)" if max(checks.step_g) > 0 else ""
         yield f"quantisation: axis {', '.join(coarse)} steps by more than its noise{width}: means are biased"
-
-
-def _count_words(saturated: int, lost: int, unresolved: int) -> Iterator[str]:
-    if saturated:
-        yield f"saturation: {saturated} samples at full scale or overloaded"
-    if lost or unresolved:
-        yield f"lost: {lost} samples" + (f", {unresolved} gap(s) unresolved" if unresolved else "")
+    if checks.saturated:
+        yield f"saturation: {checks.saturated} samples at full scale or overloaded"
+    if checks.lost or checks.lost_unresolved:
+        unresolved = f", {checks.lost_unresolved} gap(s) unresolved" if checks.lost_unresolved else ""
+        yield f"lost: {checks.lost} samples{unresolved}"
 
 
 def _block_means(force: NDArray[np.float64], rate_hz: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -19,7 +19,8 @@ from tumblecal.recordings.still.stillness import Stillness
 
 
 # Fewest samples of a position; positions in a message.
-FEWEST, _SHOWN = 16, 6
+_FEWEST, _SHOWN = 16, 6
+OF_MEANS = ". A table of means needs no reduction: give it to calibrate"
 
 
 @dataclass(frozen=True)
@@ -57,17 +58,17 @@ class DwellSamples:
         return sum(map(len, self.force)) / self.rate_hz if self.force else None
 
 
-def require_samples(source: str, names: Sequence[str], dwells: Sequence[NDArray]) -> None:
+def require_samples(source: str, names: Sequence[str], dwells: Sequence[NDArray], remedy: str = OF_MEANS) -> None:
     """Check that every dwell has enough samples for a mean.
 
     **Raises:** `InputError` with the dwells that have too few samples.
     """
-    few = [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < FEWEST]
+    few = [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < _FEWEST]
     if few:
         more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
         raise InputError(
-            f"{source}: too few samples at position {', '.join(few[:_SHOWN])}{more}; {FEWEST} are needed at each. A table of "
-            "means needs no reduction: give it to calibrate"
+            f"{source}: too few samples at position {', '.join(few[:_SHOWN])}{more}; {_FEWEST} are needed at each"
+            f"{remedy}"
         )
 
 

@@ -46,7 +46,7 @@ def _of_table(path: Path) -> DwellSamples:
     label = labels_of_samples(str(path), raw.frame["position"].to_list(), "position")
     names = list(dict.fromkeys(label.tolist()))
     rows = [np.flatnonzero(label == name) for name in names]
-    require_samples(str(path), names, rows)
+    require_samples(str(path), names, rows, remedy="")
     rate_hz, middle_s = sample_times(raw, rows)
     force, warmth = [raw.readings[at] for at in rows], raw.temperature_degc()
     readings = np.array([dwell.mean(0) for dwell in force])
