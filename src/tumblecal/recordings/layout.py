@@ -15,11 +15,18 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
 from tumblecal.recordings.clock import FORMS, TIME_S, form_of, rises, seconds_of, unit_of_times
-from tumblecal.recordings.column_units import check_one_unit, force_unit, rate_unit
 from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, pairs, stated_rate
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
-from tumblecal.recordings.units import FORCE_UNITS, RATE_UNITS, signed_words, size_of
+from tumblecal.recordings.units import (
+    FORCE_UNITS,
+    RATE_UNITS,
+    check_one_unit,
+    force_unit,
+    rate_unit,
+    signed_words,
+    size_of,
+)
 
 
 _CLOCK_ROWS, _EQUAL_STEPS, _DEGC = 1000, 0.8, (-60.0, 150.0)
