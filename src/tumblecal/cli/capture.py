@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
+from tumblecal.cli.live_estimate import LiveEstimate
 from tumblecal.cli.output import warn
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
@@ -30,6 +31,8 @@ class OperatorOptions:
     ----------
     wait
         Seconds to wait for a port that is not available yet. Example: --wait 60.
+    estimate
+        Display of the parameters and their standard uncertainties after each position. Example: --no-estimate.
     plain
         Printed lines instead of a redrawn screen. Example: --plain.
     yes
@@ -40,6 +43,7 @@ class OperatorOptions:
     """
 
     wait: float = 30.0
+    estimate: bool = True
     plain: bool = False
     yes: bool = False
     trust_instrument: bool = False
@@ -150,6 +154,8 @@ def capture(
             run_folder.journal.write("temperature_options", options=given)
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
+            if operator.estimate:
+                how["estimate"] = LiveEstimate(run_folder.plan)
             run(run_folder, confirm=operator.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from rich.columns import Columns
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
@@ -56,7 +57,7 @@ class Screen:
     one separately, from a pipe each character."""
 
     def __init__(self, plain: bool = False):
-        self._console, self._last = Console(highlight=False), ""
+        self._console, self._last = Console(highlight=False), list[str]()
         shown = not plain and self._console.is_terminal
         self._live = Live(console=self._console, screen=True, auto_refresh=False) if shown else None
         self._saved: list | None = None
@@ -78,15 +79,15 @@ class Screen:
             with contextlib.suppress(termios.error):  # the terminal may be closed
                 termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
 
-    def show(self, guide: Guide) -> None:
-        """Show the present state."""
-        line = line_of(guide)
+    def show(self, guide: Guide, estimate: list[str]) -> None:
+        """Show the present state, and these lines about the parameters."""
+        lines = [*estimate, line_of(guide)]
         with self._terminal_may_be_gone():
             if self._live is not None:
-                self._live.update(rendered(guide, self._console), refresh=True)
-            elif line != self._last:
-                print(line, flush=True)
-        self._last = line
+                self._live.update(rendered(guide, self._console, estimate), refresh=True)
+            else:
+                print(*(f"{line}\n" for line in lines if line not in self._last), sep="", end="", flush=True)
+        self._last = lines
 
     def bell(self) -> None:
         """Ring."""
@@ -164,8 +165,8 @@ def line_of(guide: Guide) -> str:
     return " ".join(filter(None, words))
 
 
-def rendered(guide: Guide, console: Console) -> RenderableType:
-    """The screen: the axes come last, so that a low terminal has phase, alarm, rejection, progress, counters and keys."""
+def rendered(guide: Guide, console: Console, estimate: list[str]) -> RenderableType:
+    """The screen: axes and estimate come last, so that a low terminal has phase, alarm, rejection, progress, counters and keys."""
     plan, style, (part, counted) = guide.plan, _STYLES.get(guide.phase, "bold green"), _progress(guide)
     step = plan.steps[guide.position]
     target = f"α {step.alpha_deg:g}°  β {step.beta_deg:g}°"
@@ -189,7 +190,9 @@ def rendered(guide: Guide, console: Console) -> RenderableType:
     rest_s = (len(plan.steps) - len({*accepted, here})) * (plan.dwell.seconds + plan.dwell.settle_s)
     run_s = left_s + (rest_s + 60 * plan.soak.stable_min * len(soaks)) / plan.port.speed
     counters = f" run: {_clock(run_s)} left   {guide.stream.tally.line()}"
-    return Group(*lines, Text(counters, style="dim"), Text(_KEYS, style="dim"), _axes(guide))
+    lines += [Text(counters, style="dim"), Text(_KEYS, style="dim")]
+    shown = [Text(f" {line}") for line in estimate]
+    return Group(*lines, _axes(guide), *shown[:1], Columns(shown[1:]))
 
 
 def _axes(guide: Guide) -> Table:

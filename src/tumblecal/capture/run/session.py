@@ -27,6 +27,7 @@ _LOOKS_A_DRAWING = 2
 def capture(
     run: RunFolder,
     *,
+    estimate: Callable[[RunState], list[str]] = lambda state: [],
     plain: bool = False,
     wait_s: float = 0.0,
     confirm: Callable[[], bool] = lambda: True,
@@ -38,6 +39,7 @@ def capture(
     **Arguments:**
 
     - `run`: from `begin` or `resume`.
+    - `estimate`: lines about the parameters so far, at once.
     - `plain`: lines instead of a redrawn screen.
     - `wait_s`: time to wait for a port that does not exist yet, s.
     - `confirm`: called on resuming: whether the instrument is still mounted as before.
@@ -76,7 +78,7 @@ def capture(
                 try:
                     with Screen(plain) as screen:
                         guide = Guide(run, stream, rate_hz, identity, soak, screen.bell)
-                        _walk(run, guide, screen, signals.pause)
+                        _walk(run, guide, lambda: screen.show(guide, estimate(state)), screen, signals.pause)
                 finally:
                     soak.close(finished=run.complete)
         finally:
