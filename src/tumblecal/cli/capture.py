@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
-from tumblecal.cli.live_estimate import LiveEstimate
 from tumblecal.cli.output import warn
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
@@ -139,6 +138,7 @@ def capture(
     from tumblecal.capture.run.session import capture as run
     from tumblecal.capture.run.stop_signals import Stopped
     from tumblecal.cli.interrupts import end_by
+    from tumblecal.cli.live_estimate import live_estimate
 
     if not 0 <= operator.wait <= _LONGEST_WAIT_S:
         raise InputError(f"--wait {operator.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
@@ -152,11 +152,10 @@ def capture(
         run_folder.plan = temperature.applied(run_folder.plan)
         if given:
             run_folder.journal.write("temperature_options", options=given)
+        live = live_estimate(run_folder.plan) if operator.estimate else None
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
-            if operator.estimate:
-                how["estimate"] = LiveEstimate(run_folder.plan)
-            run(run_folder, confirm=operator.still_mounted, **how)
+            run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number
     folder = run_folder.folder

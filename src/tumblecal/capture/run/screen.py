@@ -6,19 +6,23 @@ import select
 import sys
 import termios
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeAlias
 
 import numpy as np
-from rich.columns import Columns
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from tumblecal.capture.journal import RunState
 from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.ground.axes import AXES
 
+
+# Lines about the parameters so far, at once: the loop of a capture waits for them.
+Estimate: TypeAlias = Callable[[RunState], list[str]]
 
 _KEYS = " Enter: accept as it is   r: repeat this position   b: repeat the previous one   s: skip   q: interrupt"
 _STYLES = {
@@ -56,8 +60,8 @@ class Screen:
     """Shows the guide, redrawn in place on a terminal, otherwise one line for each change; and reads keys, from a terminal each
     one separately, from a pipe each character."""
 
-    def __init__(self, plain: bool = False):
-        self._console, self._last = Console(highlight=False), list[str]()
+    def __init__(self, plain: bool = False, estimate: Estimate | None = None):
+        self._console, self._last, self._estimate = Console(highlight=False), [""], estimate
         shown = not plain and self._console.is_terminal
         self._live = Live(console=self._console, screen=True, auto_refresh=False) if shown else None
         self._saved: list | None = None
@@ -79,14 +83,15 @@ class Screen:
             with contextlib.suppress(termios.error):  # the terminal may be closed
                 termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
 
-    def show(self, guide: Guide, estimate: list[str]) -> None:
-        """Show the present state, and these lines about the parameters."""
+    def show(self, guide: Guide) -> None:
+        """Show the present state."""
+        estimate = self._estimate(guide.state) if self._estimate else []
         lines = [*estimate, line_of(guide)]
         with self._terminal_may_be_gone():
             if self._live is not None:
-                self._live.update(rendered(guide, self._console, estimate), refresh=True)
-            else:
-                print(*(f"{line}\n" for line in lines if line not in self._last), sep="", end="", flush=True)
+                self._live.update(Group(rendered(guide, self._console), *map(Text, estimate)), refresh=True)
+            elif new := [line for line in lines if line not in self._last]:
+                print(*new, sep="\n", flush=True)
         self._last = lines
 
     def bell(self) -> None:
@@ -165,8 +170,8 @@ def line_of(guide: Guide) -> str:
     return " ".join(filter(None, words))
 
 
-def rendered(guide: Guide, console: Console, estimate: list[str]) -> RenderableType:
-    """The screen: axes and estimate come last, so that a low terminal has phase, alarm, rejection, progress, counters and keys."""
+def rendered(guide: Guide, console: Console) -> RenderableType:
+    """The screen: the axes come last, so that a low terminal has phase, alarm, rejection, progress, counters and keys."""
     plan, style, (part, counted) = guide.plan, _STYLES.get(guide.phase, "bold green"), _progress(guide)
     step = plan.steps[guide.position]
     target = f"α {step.alpha_deg:g}°  β {step.beta_deg:g}°"
@@ -190,9 +195,7 @@ def rendered(guide: Guide, console: Console, estimate: list[str]) -> RenderableT
     rest_s = (len(plan.steps) - len({*accepted, here})) * (plan.dwell.seconds + plan.dwell.settle_s)
     run_s = left_s + (rest_s + 60 * plan.soak.stable_min * len(soaks)) / plan.port.speed
     counters = f" run: {_clock(run_s)} left   {guide.stream.tally.line()}"
-    lines += [Text(counters, style="dim"), Text(_KEYS, style="dim")]
-    shown = [Text(f" {line}") for line in estimate]
-    return Group(*lines, _axes(guide), *shown[:1], Columns(shown[1:]))
+    return Group(*lines, Text(counters, style="dim"), Text(_KEYS, style="dim"), _axes(guide))
 
 
 def _axes(guide: Guide) -> Table:
