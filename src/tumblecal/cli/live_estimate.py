@@ -22,7 +22,7 @@ _started = cache(start)
 def live_estimate(plan: CapturePlan) -> Estimate:
     """The newest estimate, which a thread computes whenever the accepted positions have changed."""
     thread, soaks = ThreadPoolExecutor(1), plan.soaks
-    measured, lines, running = list[Attempt](), list[str](), thread.submit(list[str])
+    measured, lines, running = [], [], thread.submit(list[str])
 
     def newest(state: RunState) -> list[str]:
         nonlocal measured, lines, running
@@ -64,8 +64,8 @@ def estimated(plan: CapturePlan, measured: list[Attempt]):
         k, summary = attempt.position, attempt.summary
         readings[k], sd[k] = summary["mean_g"], np.divide(summary["sd_g"], summary["n"] ** 0.5)
         others.remove(k)
-    names, *angles_deg = zip(*((step.name, step.alpha_deg, step.beta_deg) for step in plan.steps), strict=True)
-    data = PositionSet(names, *map(np.array, angles_deg), readings, np.maximum(sd, _LEAST_SD_G))
+    names, alpha, beta = zip(*((step.name, step.alpha_deg, step.beta_deg) for step in plan.steps), strict=True)
+    data = PositionSet(names, np.array(alpha), np.array(beta), readings, np.maximum(sd, _LEAST_SD_G))
     chain = default_chain(data)
     return exact.fit(
         problem_of(data, chain, priors=dict.fromkeys(chain.names, (0.0, _PRIOR_SD))).without(tuple(others))
