@@ -42,14 +42,13 @@ def _lines(plan: CapturePlan, measured: list[Attempt]) -> list[str]:
     if len(measured) < 3:
         return []
     try:
-        fit = estimated(plan, measured)
+        fit, words = estimated(plan, measured), dict(_HEADS)
+        for name, unit, value, u in zip(fit.names, fit.units, fit.values, fit.sd, strict=True):
+            if u <= _PRIOR_SD / 2:
+                words[unit] += f"  {name} {rounded_together(1e3 * value, 1e3 * u)}"
+        return [*words.values()]
     except Exception as error:  # of any kind: the capture continues
         return [f"no estimate: {error!r}"]
-    words = dict(_HEADS)
-    for name, unit, value, u in zip(fit.names, fit.units, fit.values, fit.sd, strict=True):
-        if u <= _PRIOR_SD / 2:
-            words[unit] += f"  {name} {rounded_together(1e3 * value, 1e3 * u)}"
-    return [*words.values()]
 
 
 def estimated(plan: CapturePlan, measured: list[Attempt]):
@@ -67,6 +66,5 @@ def estimated(plan: CapturePlan, measured: list[Attempt]):
     names, alpha, beta = zip(*((step.name, step.alpha_deg, step.beta_deg) for step in plan.steps), strict=True)
     data = PositionSet(names, np.array(alpha), np.array(beta), readings, np.maximum(sd, _LEAST_SD_G))
     chain = default_chain(data)
-    return exact.fit(
-        problem_of(data, chain, priors=dict.fromkeys(chain.names, (0.0, _PRIOR_SD))).without(tuple(others))
-    )
+    problem = problem_of(data, chain, priors=dict.fromkeys(chain.names, (0.0, _PRIOR_SD)))
+    return exact.fit(problem.without(tuple(others)))
