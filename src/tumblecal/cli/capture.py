@@ -30,6 +30,8 @@ class OperatorOptions:
     ----------
     wait
         Seconds to wait for a port that is not available yet. Example: --wait 60.
+    estimate
+        Display of the parameters and their standard uncertainties after each position. Example: --no-estimate.
     plain
         Printed lines instead of a redrawn screen. Example: --plain.
     yes
@@ -40,6 +42,7 @@ class OperatorOptions:
     """
 
     wait: float = 30.0
+    estimate: bool = True
     plain: bool = False
     yes: bool = False
     trust_instrument: bool = False
@@ -135,6 +138,7 @@ def capture(
     from tumblecal.capture.run.session import capture as run
     from tumblecal.capture.run.stop_signals import Stopped
     from tumblecal.cli.interrupts import end_by
+    from tumblecal.cli.live_estimate import live_estimate
 
     if not 0 <= operator.wait <= _LONGEST_WAIT_S:
         raise InputError(f"--wait {operator.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
@@ -148,9 +152,10 @@ def capture(
         run_folder.plan = temperature.applied(run_folder.plan)
         if given:
             run_folder.journal.write("temperature_options", options=given)
+        live = live_estimate(run_folder.plan) if operator.estimate else None
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
-            run(run_folder, confirm=operator.still_mounted, **how)
+            run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number
     folder = run_folder.folder

@@ -215,7 +215,8 @@ def _single_units(found: JointDiagnosis, units: UnitRows) -> Iterator[str]:
     ]
     same = [name for k, name, _ in rows if k in found.nothing_of_their_own]
     if same:
-        yield f"Diagnosed separately, {shortened(same, _MOST_UNITS)} show the same error of the head, whatever its name."
+        show = "shows" if len(same) == 1 else "show"
+        yield f"Diagnosed separately, {shortened(same, _MOST_UNITS)} {show} the same error of the head, whatever its name."
     if single:
         yield f"Errors of individual units: {shortened(single, _MOST_UNITS, '; ', '; and')}."
     outlying = [units[k][0] for k in found.outlying]

@@ -34,7 +34,7 @@ def thermal_lines(result: ThermalResult) -> Iterator[str]:
     yield from between_lines(result)
     yield from order_lines(result)
     for signal in result.signals:
-        yield f"{signal.name.capitalize()}: {signal_words(signal)}"
+        yield f"{signal.name.capitalize().replace('_', ' ')}: {signal_words(signal)}"
     yield from separation_lines(result)
     yield from combination_lines(result)
     yield from noise_lines(result)

@@ -6,8 +6,9 @@ import select
 import sys
 import termios
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeAlias
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -15,9 +16,13 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from tumblecal.capture.journal import RunState
 from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.ground.axes import AXES
 
+
+# Lines about the parameters so far, at once: the loop of a capture waits for them.
+Estimate: TypeAlias = Callable[[RunState], list[str]]
 
 _KEYS = " Enter: accept as it is   r: repeat this position   b: repeat the previous one   s: skip   q: interrupt"
 _STYLES = {
@@ -55,8 +60,8 @@ class Screen:
     """Shows the guide, redrawn in place on a terminal, otherwise one line for each change; and reads keys, from a terminal each
     one separately, from a pipe each character."""
 
-    def __init__(self, plain: bool = False):
-        self._console, self._last = Console(highlight=False), ""
+    def __init__(self, plain: bool = False, estimate: Estimate | None = None):
+        self._console, self._last, self._estimate = Console(highlight=False), [""], estimate
         shown = not plain and self._console.is_terminal
         self._live = Live(console=self._console, screen=True, auto_refresh=False) if shown else None
         self._saved: list | None = None
@@ -80,13 +85,14 @@ class Screen:
 
     def show(self, guide: Guide) -> None:
         """Show the present state."""
-        line = line_of(guide)
+        estimate = self._estimate(guide.state) if self._estimate else []
+        lines = [*estimate, line_of(guide)]
         with self._terminal_may_be_gone():
             if self._live is not None:
-                self._live.update(rendered(guide, self._console), refresh=True)
-            elif line != self._last:
-                print(line, flush=True)
-        self._last = line
+                self._live.update(Group(rendered(guide, self._console), *map(Text, estimate)), refresh=True)
+            elif new := [line for line in lines if line not in self._last]:
+                print(*new, sep="\n", flush=True)
+        self._last = lines
 
     def bell(self) -> None:
         """Ring."""

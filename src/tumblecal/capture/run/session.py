@@ -15,7 +15,7 @@ from tumblecal.capture.run.contact import Pause, await_port, meet
 from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.run_folder import RunFolder
-from tumblecal.capture.run.screen import Screen
+from tumblecal.capture.run.screen import Estimate, Screen
 from tumblecal.capture.run.stop_signals import Stopped, StopSignals
 from tumblecal.ground.errors import InputError
 
@@ -27,6 +27,7 @@ _LOOKS_A_DRAWING = 2
 def capture(
     run: RunFolder,
     *,
+    estimate: Estimate | None = None,
     plain: bool = False,
     wait_s: float = 0.0,
     confirm: Callable[[], bool] = lambda: True,
@@ -38,6 +39,7 @@ def capture(
     **Arguments:**
 
     - `run`: from `begin` or `resume`.
+    - `estimate`: live estimate of the parameters for the screen; None for none.
     - `plain`: lines instead of a redrawn screen.
     - `wait_s`: time to wait for a port that does not exist yet, s.
     - `confirm`: called on resuming: whether the instrument is still mounted as before.
@@ -74,7 +76,7 @@ def capture(
                     chamber = chamber or (TextChamber(plan.chamber) if plan.chamber.url else None)
                 soak = Soak(plan, journal, rate_hz, chamber)
                 try:
-                    with Screen(plain) as screen:
+                    with Screen(plain, estimate) as screen:
                         guide = Guide(run, stream, rate_hz, identity, soak, screen.bell)
                         _walk(run, guide, screen, signals.pause)
                 finally:
