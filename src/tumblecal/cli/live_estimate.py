@@ -46,7 +46,7 @@ def _lines(plan: CapturePlan, measured: list[Attempt]) -> list[str]:
         for name, unit, value, u in zip(fit.names, fit.units, fit.values, fit.sd, strict=True):
             if u <= _PRIOR_SD / 2:
                 words[unit] += f"  {name} {rounded_together(1e3 * value, 1e3 * u)}"
-        return [*words.values()]
+        return [line for unit, line in words.items() if line != _HEADS[unit]]
     except Exception as error:  # of any kind: the capture continues
         return [f"no estimate: {error!r}"]
 
