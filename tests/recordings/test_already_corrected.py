@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from recordings_made import SENSOR_COMBINED, ulog_of
 from test_binary_logs import dataflash, fmt
 
 from tumblecal.cli.output import Output
@@ -20,31 +21,19 @@ def parm(name: str, value: float) -> bytes:
     return b"\xa3\x95\x28" + struct.pack("<Q16sf", 1, name.encode(), value)
 
 
-def ulog(parameters: dict[str, int], selected: int | None = None, rows: np.ndarray = ROWS) -> bytes:
-    """A PX4 log with sensor_combined and sensor_accel (docs.px4.io, dev_log/ulog_file_format)."""
+TOPICS = SENSOR_COMBINED | {
+    "sensor_accel": "uint64_t timestamp;uint32_t device_id;float x;float y;float z;float temperature;",
+    "sensor_selection": "uint64_t timestamp;uint32_t accel_device_id;",
+}
 
-    def message(kind: bytes, content: bytes) -> bytes:
-        return struct.pack("<HB", len(content), kind[0]) + content
 
-    formats = [
-        "sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;",
-        "sensor_accel:uint64_t timestamp;uint32_t device_id;float x;float y;float z;float temperature;",
-        "sensor_selection:uint64_t timestamp;uint32_t accel_device_id;",
-    ]
-    out = [b"ULog\x01\x12\x35\x01" + bytes(8), message(b"B", bytes(40))]
-    out += [message(b"F", text.encode()) for text in formats]
-    for name, value in parameters.items():
-        key = f"int32_t {name}".encode()
-        out.append(message(b"P", bytes([len(key)]) + key + struct.pack("<i", value)))
-    for number, name in enumerate((b"sensor_combined", b"sensor_accel", b"sensor_selection")):
-        out.append(message(b"A", struct.pack("<BH", 0, number) + name))
-    if selected is not None:
-        out.append(message(b"D", struct.pack("<HQI", 2, 10**6, selected)))
-    for k, row in enumerate(rows):
+def ulog(parameters: dict[str, int], selected: int | None) -> bytes:
+    """A PX4 log with the samples of the sensors and of the device."""
+    data = [(2, struct.pack("<QI", 10**6, selected))] if selected is not None else []
+    for k, row in enumerate(ROWS):
         time = 10**6 + 5000 * k
-        out.append(message(b"D", struct.pack("<HQ6f", 0, time, *row)))
-        out.append(message(b"D", struct.pack("<HQI4f", 1, time, 77, *row[3:], 30.0 + k / 100)))
-    return b"".join(out)
+        data += [(0, struct.pack("<Q6f", time, *row)), (1, struct.pack("<QI4f", time, 77, *row[3:], 30.0 + k / 100))]
+    return ulog_of(TOPICS, data, parameters)
 
 
 CORRECTED = {"TC_A_ENABLE": 1, "TC_A0_ID": 77, "TC_A1_ID": 0}

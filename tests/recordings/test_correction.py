@@ -108,14 +108,6 @@ def test_rows_outside_the_measured_temperatures_need_an_option(tumblecal, tmp_pa
     assert outcome.code == 2 and "line 3, column temperature_degc: 'nan' is not a finite number" in outcome.lines[0]
 
 
-def test_a_bad_cell_far_down_leaves_nothing(tumblecal, tmp_path, small_pieces):
-    write_calibration(tmp_path / "cal.json", calibration())
-    (tmp_path / "log.csv").write_text("# a: b\nax_g,ay_g,az_g\n" + "0,0,1\n" * 30 + "0,zero,1\n" + "0,0,1\n" * 5)
-    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
-    assert outcome.code == 2 and "log.csv:line 33, column ay_g: 'zero' is not a finite number" in outcome.lines[0]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.json", "log.csv"]
-
-
 @pytest.mark.parametrize(
     ("unit", "rows", "words"),
     [

@@ -184,6 +184,9 @@ _ODD = {
     "a key among words": '{"ts": 1, "ax": 1, "ay": 2, "az": 3, "note": "ax"}',
     "digits": '{"ts": 9007199254740993, "ax": 1e-400, "ay": 0.1234567890123456789, "az": -0.0, "note": "ü"}',
     "blank": "",
+    "no object": "garbage",
+    "a list": "[1, 2]",
+    "half a character": r'{"t": "\ud83d"}',
 }
 
 
@@ -205,6 +208,7 @@ def test_json_lines_are_read_as_json_reads_each(tmp_path, odd):
             content = json.loads(line)
         except ValueError:
             content = {}
+        content = content if isinstance(content, dict) else {}
         numbers = tuple(None if (own := content.get(key)) is None else float(own) for key in keys[:4])
         assert repr(row[:4]) == repr(numbers)
         assert row[4] == content.get("note")
