@@ -14,37 +14,6 @@ from tumblecal.recordings.options import KnownContext, RecordingOptions
 from tumblecal.recordings.reduce import reduced
 
 
-PLAN = """
-[session]
-mount = "B"
-[site]
-gravity_ms2 = 9.80665
-[positions]
-beta_deg = [0, 45, 90]
-alpha_deg = [0, 45, 90, 135, 180, 225, 270, 315]
-"""
-SIX = """
-[positions]
-listed = [
-  {name = "x up", alpha_deg = 0, beta_deg = -90}, {name = "x down", alpha_deg = 0, beta_deg = 90},
-  {name = "y up", alpha_deg = 90, beta_deg = 0}, {name = "y down", alpha_deg = -90, beta_deg = 0},
-  {name = "z up", alpha_deg = 0, beta_deg = 0}, {name = "z down", alpha_deg = 180, beta_deg = 0},
-]
-"""
-
-
-@pytest.fixture
-def grid(tmp_path):
-    (tmp_path / "plan.toml").write_text(PLAN)
-    return tmp_path / "plan.toml"
-
-
-@pytest.fixture
-def six(tmp_path):
-    (tmp_path / "six.toml").write_text(SIX)
-    return tmp_path / "six.toml"
-
-
 def readings(plan: CapturePlan, order, *, bias=(0.0, 0.0, 0.0), seed=1):
     """What a triad with a bias and a few degrees of misalignment reads at these positions of a plan."""
     rng = np.random.default_rng(seed)
@@ -109,7 +78,7 @@ def test_surplus_intervals_are_refused_with_their_angle(tmp_path, six):
     s = made(Hand(), 3, np.insert(directions, 3, np.array([1, 1, 1]) / 3**0.5, axis=0))
     pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
     reduction = reduced([tmp_path / "s.parquet"], KnownContext(plan=six))
-    assert reduction.data.names == ("x up", "y up", "z up", "x down", "y down", "z down")
+    assert reduction.data.names == ("x_p", "y_p", "z_p", "x_n", "y_n", "z_n")
     assert reduction.dwells.stillness is not None
     (refused,) = (one.reason for one in reduction.dwells.stillness.intervals if one.reason)
     assert refused.startswith("surplus: not a position of the plan, 5")
