@@ -107,6 +107,32 @@ def test_a_table_of_means_becomes_a_hand_held_set(tmp_path, tumblecal, suffix):
 MEANS = ["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", "a,0,0,0,0,1", "b,90,0,0,1,0", "c,180,0,0,0,-1", "d,0,90,-1,0,0"]
 
 
+@pytest.mark.parametrize("named", [True, False])
+def test_means_are_positions_of_a_plan_by_name_or_direction(tmp_path, six, named):
+    plan, order = read_plan(six), [4, 0, 5, 3, 1, 2]
+    force = readings(plan, order, bias=(0.1, -0.2, 0.05))
+    columns = {f"a{axis}_g": force[:, k] for k, axis in enumerate("xyz")}
+    frame = pl.DataFrame(columns | {"position": [names(plan)[k] for k in order]})
+    (frame if named else frame.drop("position")).write_csv(tmp_path / "means.csv")
+    data = reduced([tmp_path / "means.csv"], KnownContext(plan=six, means=True)).data
+    np.testing.assert_array_equal(data.beta_deg, [plan.steps[k].beta_deg for k in order])
+    assert not named or data.names == tuple(frame["position"])
+    frame[0, "position"], frame[0, "ax_g"], frame[0, "ay_g"] = "z_up", 0.9, 0.9
+    (frame if named else frame.drop("position")).write_csv(tmp_path / "means.csv")
+    with pytest.raises(InputError, match=r"means.csv: row 1: not a position of the plan \(1 such rows\); remove them"):
+        reduced([tmp_path / "means.csv"], KnownContext(plan=six, means=True))
+
+
+def test_intervals_that_are_nowhere_in_the_plan_are_a_line(tmp_path):
+    (tmp_path / "two.toml").write_text("[positions]\nalpha_deg = [0, 180]\nbeta_deg = [0]\n")
+    s = made(Hand(), 3, np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0]]))
+    pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
+    with pytest.raises(
+        InputError, match=r"none of 3 intervals at rest fits a position of the plan \(nearest: \d+ deg away\)"
+    ):
+        reduced([tmp_path / "s.parquet"], KnownContext(plan=tmp_path / "two.toml"))
+
+
 @pytest.mark.parametrize("row", ["b,90,0,0,nan,0", "note: warm"])
 def test_a_mean_that_is_left_out_is_named(tmp_path, tumblecal, row):
     (tmp_path / "means.csv").write_text("\n".join([*MEANS[:2], row, *MEANS[3:]]))

@@ -74,6 +74,24 @@ def test_clocks_are_read_over_midnight(tmp_path, form):
     np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
 
 
+def test_a_clock_in_two_columns_and_clocks_of_parquet_files(tmp_path):
+    """Whole seconds with their fractions in another column; dates and durations as such."""
+    parts = {
+        "Time_s": [f"{7 + k // 100}" for k in range(ROWS)],
+        "Time_us": [f"{k % 100 * 10_000}" for k in range(ROWS)],
+    }
+    frame, _ = imported(tmp_path / "log.csv", parts)
+    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+    passed = pl.Series(range(ROWS)) * timedelta(milliseconds=10)
+    for clock in (passed, pl.Series([BEGIN]).repeat_by(ROWS).explode() + passed):
+        source = pl.DataFrame({"time": clock, "ax": [0.1] * ROWS, "ay": [0.2] * ROWS, "az": [0.97] * ROWS})
+        source.write_parquet(tmp_path / "log.parquet")
+        write_samples(tmp_path / "log.parquet", tmp_path / "out.parquet", RecordingOptions())
+        np.testing.assert_allclose(
+            pl.read_parquet(tmp_path / "out.parquet")["time_s"], np.arange(ROWS) / 100, atol=1e-9
+        )
+
+
 GOOD = "t,ax,ay,az", "{t},0.1,0.2,0.97"
 # A header, rows with {t} (seconds) and {k} (number), options, and the fault.
 FAULTS = [
@@ -101,6 +119,16 @@ FAULTS = [
     ("ax,ay,az,temp", "{k},0.1,0.2,0.97,25.0", {}, "line 1: names 4 columns, but the rows have 5 cells; correct the header"),
     ("ax ay az", "-5,59 8,8{d} 7,05", {}, "line 2, column ax: '-5,59': no number; its comma may be decimal: --decimal comma"),
     ("time,ax,ay,az", "{k},{u},0.97", {}, "log.csv: no row has a number in each of ax, ay, az"),
+    (*GOOD, {"columns": "ax"}, "--columns ax: write pairs such as ax=AccX,ay=AccY,az=AccZ"),
+    (*GOOD, {"scale": "gx=2"}, "--scale, --offset: gx is not among the columns; there are ax, ay, az, time"),
+    (*GOOD, {"time_unit": "min"}, "--time-unit min: not known; write one of s, ms, us, ns"),
+    (*GOOD, {"decimal": "dot"}, "--decimal dot: write point or comma"),
+    (*GOOD, {"rate": -1.0}, "--rate -1: not a sample rate; give samples a second, above 0 and below 1e7"),
+    ("a,b,c,d", GOOD[1], {"columns": "ax=2"}, "ay, az not found among the columns 'a, b, c, d'; name them: --columns"),
+    ("t,a,b", "{t},{k},7", {}, "ax, ay, az not found among the columns 't, a, b'; name them: --columns"),
+    ("t,acc1,acc5,acc7", GOOD[1], {}, "acc1, acc5, acc7 are accelerations, but not of axes x, y, z; assign the axes"),
+    ("ax,ay,az,T", "0.1,0.2,0.97,200", {}, "column T may be the time or the temperature; give --columns time=T or"),
+    ("", "0,0100,0,0200,0,0980", {}, "line 2: '0,0100,0,0200,0,0980': commas between cells are indistinguishable"),
     ("hello world", "no table", {}, "its first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
     ("<html><body>x</body></html>", "", {}, "this is HTML or XML, not a table"),
     ('{"a": {"b": 1},\n "c": [\n]}', "", {}, "JSON without samples; samples are read from one object a line"),
@@ -119,6 +147,12 @@ def test_a_fault_is_one_line(tmp_path, header, row, options, words):
     with pytest.raises(InputError, match=re.escape(words)) as refused:
         write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", RecordingOptions(**options))
     assert len(refused.value.faults) == 1 and not (tmp_path / "out.parquet").exists()
+
+
+def test_a_header_alone_is_no_recording(tmp_path):
+    (tmp_path / "log.csv").write_text("time,ax,ay,az\n")
+    with pytest.raises(InputError, match=r"no rows below the header 'time,ax,ay,az'; give the whole recording"):
+        write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", RecordingOptions())
 
 
 def test_what_the_user_states_is_used_in_place_of_a_fault(tmp_path):

@@ -87,6 +87,36 @@ def test_numbers_between_words_are_those_written(tmp_path, name):
         ), column
 
 
+# Lines before the rows; a row as in FORMS; options: names and rows as loggers write them.
+WRITTEN = {
+    "a row for each axis": ("sensor,t,axis,value", "acc,{s},X,{f[0]}\nacc,{s},Y,{f[1]}\nacc,{s},Z,{f[2]}", {}),
+    "rows of kinds": (
+        "$FLYS,1\n$COL,IMU,time,ax,ay,az\n$UNIT,IMU,s,g,g,g\n$COL,BARO,time,pressure\n$UNIT,BARO,s,Pa\n$DATA",
+        "$IMU,{s},{f[0]},{f[1]},{f[2]}\n$BARO,{s},101300",
+        {},
+    ),
+    "GENEActiv": ("Device Type,GENEActiv\n", "2024-05-03 10:00:{s:06.3f},{f[0]},{f[1]},{f[2]},5,0,24.5", {}),
+    "a label before the names": ("Fields:,t,ax,ay,az", "{s},{f[0]},{f[1]},{f[2]}", {}),
+    "names between commas": ("t,ax,ay,az", "{s} {f[0]} {f[1]} {f[2]}", {}),
+    "a rate in words": ("sampled at 100 Hz", "ax:{f[0]} ay:{f[1]} az:{f[2]}", {}),
+    "a sensor among several": ("sensor,t,ax,ay,az", "0,{s},9,9,9\n1,{s},{f[0]},{f[1]},{f[2]}", {"rows": "sensor=1"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("name", WRITTEN)
+def test_layouts_of_loggers(tmp_path, name, encoding):
+    above, row, options = WRITTEN[name]
+    rows = [row.format(s=k / HZ, t=10 * k, f=FORCE[k]) for k in range(ROWS)]
+    (tmp_path / "log.txt").write_text("\n".join([above, *rows, ""]), encoding=encoding)
+    recording = write_samples(tmp_path / "log.txt", tmp_path / "out.parquet", RecordingOptions(**options))
+    frame = pl.read_parquet(tmp_path / "out.parquet")
+    np.testing.assert_array_equal(of_axes(frame, "a"), FORCE)
+    assert recording.rate_hz == pytest.approx(HZ)
+    if "time_s" in frame.columns:
+        np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
+
+
 def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):
     lines = [f"ax:{f[0]},ay:{f[1]},az:{f[2]}" for f in FORCE]
     lines[20], lines[30], lines[40] = "ax:0.1,az:0.3", "ay:0.1,ax:0.2,az:0.3", "ax:0.1,ay:0"
