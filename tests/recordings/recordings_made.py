@@ -1,12 +1,17 @@
 """Recordings of one virtual hand-held session, written as other programs write them."""
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hand_held_sessions import Hand, Session, session
+from tumblecal.recordings.columns import Layout
+from tumblecal.recordings.damage import Damage
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.recording import Recording
+from tumblecal.recordings.table import Reader, Table
 
 
 G = 9.80665
@@ -15,6 +20,13 @@ ATTITUDES = np.array(
 )  # fmt: skip
 
 ANGLES = {"x_p": (0, -90), "x_n": (0, 90), "y_p": (90, 0), "y_n": (-90, 0), "z_p": (0, 0), "z_n": (180, 0)}
+
+
+def recording_of(layout: Layout, path: str = "f", more_tables: Sequence[Table] = (), **known) -> Recording:
+    """A text that is read, with what is known of its samples, and without any."""
+    table = Table("", (), lambda columns: iter(()))
+    reader, known = Reader("text", lambda path, start: True, lambda source: [table]), {"damage": Damage()} | known
+    return Recording(Path(path), reader, [table, *more_tables], table, RecordingOptions(), layout, **known)
 
 
 def made(hand: Hand | None = None, seed: int = 1, attitudes: np.ndarray = ATTITUDES) -> Session:

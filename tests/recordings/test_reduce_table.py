@@ -8,6 +8,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from tumblecal.capture.journal import Journal
+from tumblecal.capture.port.recorder import clocks
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.dwells.position_samples import read_position_samples
@@ -81,6 +83,21 @@ def test_a_table_of_a_capture_s_samples_is_reduced_as_the_capture(tmp_path):
     np.testing.assert_allclose(table.readings, folder.readings, atol=2e-6)  # the frames are quantised
     np.testing.assert_allclose(table.sd, folder.sd, rtol=0.1)
     assert np.min(table.sd) > 2 * 1e-4 / np.sqrt(capture.samples.shape[1])
+
+
+def test_a_capture_without_positions_or_with_a_damaged_journal_is_a_line(tmp_path):
+    journal = Journal(tmp_path)
+    journal.write("session", mount="1", run="1", clocks=clocks())
+    with pytest.raises(
+        InputError, match=rf"no position was accepted yet; to resume: tumblecal capture --resume {tmp_path}"
+    ):
+        reduced([tmp_path])
+    journal.write("accepted", position=0, attempt=1, log_start=0, log_stop=9, sha256="", summary={}, clocks=clocks())
+    journal.close()
+    with pytest.raises(
+        InputError, match=r"journal.log: the entry of the device is damaged; restore the file from a copy"
+    ):
+        reduced([tmp_path])
 
 
 def test_a_position_that_comes_again_is_a_dwell_of_its_own(tmp_path, white):

@@ -1,19 +1,14 @@
 """Bins over temperature from arrays: smoothing, branches, soaks, sums in pieces, means with uncertainties, rounding."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from recordings_made import recording_of
 
 from tumblecal.recordings.columns import Layout
-from tumblecal.recordings.damage import Damage
 from tumblecal.recordings.dwells.place import Place
-from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.table import Reader, Table
 from tumblecal.recordings.thermal.bins import binned, course_of, default_width
-from tumblecal.recordings.thermal.block_temperature import stuck_readings
 from tumblecal.recordings.thermal.rounding import rounding_sd
 from tumblecal.recordings.thermal.series import ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import resolution_of
@@ -25,29 +20,12 @@ def _triangle(time_s: np.ndarray, low: float, high: float) -> np.ndarray:
     return low + (high - low) * (1 - np.abs(2 * share - 1))
 
 
-def test_a_stuck_thermometer_is_found_only_if_its_noise_stops():
-    rng = np.random.default_rng(7)
-    ramp = np.linspace(20, 40, 4000)
-    noisy = np.round((ramp + 0.1 * rng.standard_normal(4000)) * 16) / 16
-    assert stuck_readings(noisy) is None
-    stuck = noisy.copy()
-    stuck[2500:3300] = stuck[2500]
-    found = stuck_readings(stuck)
-    assert found is not None
-    np.testing.assert_allclose(found, (2500, 3300), atol=3)
-    # A soak of a coarse thermometer without noise.
-    coarse = np.array(np.round(np.concatenate([ramp[:2000], np.full(2000, 30.2)])), np.float64)
-    assert stuck_readings(coarse) is None
-
-
 def _series(time_s: np.ndarray, force: np.ndarray, degc: np.ndarray, size: int, sd: float) -> ThermalSeries:
     count = len(time_s)
     block_s = float(time_s[1] - time_s[0])
     squares = np.full((count, 3), (size - 1) * sd**2)
     visit = np.zeros(count, int)
-    table, layout = Table("", (), lambda columns: iter(())), Layout({}, None, 1.0, ())
-    reader = Reader("", lambda path, start: True, lambda source: [table])
-    recording = Recording(Path("f"), reader, [table], table, RecordingOptions(), layout, Damage())
+    recording = recording_of(Layout({}, None, 1.0, ()))
     blocks = (block_s, size, time_s, force, squares, visit, visit[:1], (Place("a1"),), np.zeros(3))
     return ThermalSeries("f", "f", recording, {}, *blocks, time_s, degc, 0.0)
 
