@@ -117,14 +117,6 @@ def test_a_wrong_checksum_or_a_missing_end_is_one_line(tmp_path, name, damage):
     assert len(refused.value.faults) == 1 and str(tmp_path) in str(refused.value)
 
 
-def test_zeros_that_are_compressed_to_nothing_are_one_line(tmp_path, monkeypatch):
-    import tumblecal.recordings.memory as memory
-
-    monkeypatch.setattr(memory, "_BASE", 1_000_000)
-    with pytest.raises(InputError, match=r"log\.csv\.gz: its contents need .* decompress it with gunzip"):
-        read(tmp_path / "log.csv.gz", gzip.compress(bytes(10_000_000)))
-
-
 def test_faults_of_a_decompressed_file_name_the_compressed_one(tmp_path):
     with pytest.raises(InputError, match=r"^\S+/log\.json\.gz: not a complete JSON file"):
         read(tmp_path / "log.json.gz", gzip.compress(json.dumps({"samples": ROWS}).encode()[:-20]))
@@ -140,12 +132,3 @@ def test_objects_of_matlab_are_one_line(tmp_path):
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
     with pytest.raises(InputError, match="write them with writetable or writetimetable"):
         read(tmp_path / "log.mat")
-
-
-def test_values_that_are_not_there_are_one_line(tmp_path):
-    import h5py
-
-    with h5py.File(tmp_path / "big.h5", "w") as file:
-        file.create_dataset("ax", shape=(10**10,), chunks=(1000,), dtype="f8")
-    with pytest.raises(InputError, match="80 GB of memory, but the file has 0 MB"):
-        read(tmp_path / "big.h5")
