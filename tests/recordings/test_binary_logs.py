@@ -216,6 +216,13 @@ def test_px4_states_a_correction(tmp_path, rows, parameters, selected, topic, wa
     assert again.damage.lines == contents.damage.lines
 
 
+def test_bytes_after_a_px4_log_are_reported(tmp_path, rows):
+    (tmp_path / "log.ulg").write_bytes(ulog(rows, {}, None) + bytes(100))
+    contents, _, frame = imported(tmp_path / "log.ulg", tmp_path / "out.parquet")
+    (line,) = contents.damage.lines
+    assert "is not the start of a message: data after it may be lost or wrong" in line and len(frame) == len(rows)
+
+
 @pytest.mark.parametrize(("name", "form"), DATAFLASH.items())
 def test_ardupilot_states_a_correction(tmp_path, rows, name, form):
     """INS_TCAL1_ENABLE of the first sensor; 2 learns, and corrects nothing."""

@@ -242,6 +242,11 @@ def test_position_files_need_possible_temperatures(tmp_path: Path, change, words
         read_thermal([tmp_path / "positions.csv"])
 
 
+def test_bins_have_a_width(tmp_path: Path):
+    with pytest.raises(InputError, match="width of the bins, 0 degC: it must be above 0"):
+        read_thermal([written(tmp_path, _RAMP)], bin_degc=0.0)
+
+
 _RAMP = recording(ramp(0, 40, 1), UP)
 
 
@@ -255,6 +260,8 @@ _RAMP = recording(ramp(0, 40, 1), UP)
             "column temperature_degc has no values; write the temperature of",
         ),
         (_RAMP.rename({"temperature_degc": "TempF"}), {}, "column TempF is in kelvin or Fahrenheit by its name"),
+        (_RAMP.rename({"temperature_degc": "TempF"}), {"columns": "temperature=TempF"}, "column TempF is in kelvin or"),
+        (_RAMP.drop("time_s"), {}, r"the sample rate is not known; give --rate 100 \(Hz\)"),
         (recording(np.full(2400, 25.0), UP), {}, r"the temperature is constant \(.*within its resolution and noise\)"),
         (_RAMP.with_columns(pl.col("temperature_degc") + 273.15), {}, "are in kelvin; write degC"),
         (_RAMP.with_columns(pl.col("temperature_degc") * 340), {}, "not a possible temperature of a triad"),

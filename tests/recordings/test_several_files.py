@@ -14,7 +14,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.recordings import reduce
 from tumblecal.recordings.dwells.file_names import recording_files
 from tumblecal.recordings.dwells.file_places import places_by_names, places_by_table
-from tumblecal.recordings.options import KnownContext, RecordingOptions
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 FACES = {"x_p": (1, 0, 0), "x_n": (-1, 0, 0), "y_p": (0, 1, 0), "y_n": (0, -1, 0), "z_p": (0, 0, 1), "z_n": (0, 0, -1)}
@@ -221,6 +221,22 @@ def test_a_log_without_a_statement_of_its_positions_is_a_question(tmp_path):
     write(tmp_path / "log.txt", (0, 0, 1), names="n,ax_g,ay_g,az_g")
     with pytest.raises(InputError, match=r"log.txt: the sample rate is not known; give --rate 100"):
         reduced([tmp_path / "log.txt"], static=True)
+
+
+def test_positions_by_a_column_of_several_files(tmp_path):
+    for name, place in (("a", "p,0,0"), ("b", "q,90,0")):
+        rows = [f"{k / 100},{0.001 * (k % 3)},{name == 'b':d},{name == 'a':d},{place}" for k in range(40)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["time_s,ax_g,ay_g,az_g,part,alpha_deg,beta_deg", *rows, ""]))
+    found = reduced([tmp_path / "a.csv", tmp_path / "b.csv"], by="part")
+    assert found.data.names == ("p", "q") and found.data.alpha_deg.tolist() == [0, 90]
+    assert any("the pauses between the files are unknown" in line for line in found.dwells.lines)
+
+
+def test_intervals_that_are_too_short_are_a_line(tmp_path, six):
+    with pytest.raises(
+        InputError, match=r"no interval at rest is long enough \(\d.*short.*3.9 s are needed.*\); see --least-s"
+    ):
+        reduce.reduced(faces(tmp_path / "f"), KnownContext(plan=six), criterion=Criterion(least_s=3.9))
 
 
 def test_files_without_times_have_the_stated_rate(tmp_path, six):
