@@ -216,11 +216,26 @@ def test_px4_states_a_correction(tmp_path, rows, parameters, selected, topic, wa
     assert again.damage.lines == contents.damage.lines
 
 
-def test_bytes_after_a_px4_log_are_reported(tmp_path, rows):
-    (tmp_path / "log.ulg").write_bytes(ulog(rows, {}, None) + bytes(100))
-    contents, _, frame = imported(tmp_path / "log.ulg", tmp_path / "out.parquet")
-    (line,) = contents.damage.lines
-    assert "is not the start of a message: data after it may be lost or wrong" in line and len(frame) == len(rows)
+def test_damage_of_a_px4_log_is_reported(tmp_path, rows):
+    log = ulog(rows, {}, None)
+    for content, words, fewest in (
+        (log + bytes(100), "is not the start of a message: data after it may be lost or wrong", len(rows)),
+        (log[:-5], "the file ends within a message", len(rows) - 1),
+    ):
+        (tmp_path / "log.ulg").write_bytes(content)
+        contents, _, frame = imported(tmp_path / "log.ulg", tmp_path / "out.parquet")
+        (line,) = contents.damage.lines
+        assert words in line and len(frame) >= fewest
+
+
+@pytest.mark.parametrize("formats", ["QBffffff?", "QBfffff", "QBddddddIIfBBHH"])
+def test_dataflash_fields_whose_formats_do_not_agree_are_not_read(tmp_path, rows, formats):
+    """An unknown format, too few, or another length than stated: one line with the messages of the log."""
+    messages = dataflash(rows)
+    stated = messages[3].replace(b"QBffffffIIfBBHH\0", formats.encode().ljust(16, b"\0"))
+    (tmp_path / "log.bin").write_bytes(b"".join([*messages[:3], stated, *messages[4:]]))
+    with pytest.raises(InputError, match=r"no message has AccX, AccY, AccZ; it has MSG \(1\), IMU \(400\)"):
+        imported(tmp_path / "log.bin", tmp_path / "out.parquet")
 
 
 @pytest.mark.parametrize(("name", "form"), DATAFLASH.items())
