@@ -36,11 +36,17 @@ class Header:
 
 
 def _header(names: str, codes: str, separator: str = ",", **more) -> Header:
-    return Header(names=tuple(names.split(separator)), codes=tuple(codes.split()), separator=separator, **more)
+    columns = tuple(names.replace('"', "").split(separator))
+    return Header(names=columns, codes=tuple(codes.split()), separator=separator, **more)
 
 
-_TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-HEADERS = [_header(**header) for header in _TABLE["headers"]]
+def headers_of(name: str) -> list[Header]:
+    """The headers of a table in this folder."""
+    table = tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8"))
+    return [_header(**header) for header in table["headers"]]
+
+
+HEADERS = headers_of("recording_headers.toml")
 
 
 def motion(rng: np.random.Generator, rate_hz: float, attitudes: int) -> dict[str, np.ndarray]:

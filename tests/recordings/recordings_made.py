@@ -1,17 +1,32 @@
 """Recordings of one virtual hand-held session, written as other programs write them."""
 
 import struct
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hand_held_sessions import Hand, Session, session
+from tumblecal.recordings.columns import Layout
+from tumblecal.recordings.damage import Damage
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.recording import Recording
+from tumblecal.recordings.table import Reader, Table
 
 
 G = 9.80665
 ATTITUDES = np.array(
     [[0, 0, 1], [0, 0.7, 0.714], [0, 1, 0], [0.6, -0.8, 0], [0.5, 0.5, -0.7], [-1, 0, 0], [0, -0.6, -0.8], [0.8, 0.1, 0.6]]
 )  # fmt: skip
+
+ANGLES = {"x_p": (0, -90), "x_n": (0, 90), "y_p": (90, 0), "y_n": (-90, 0), "z_p": (0, 0), "z_n": (180, 0)}
+
+
+def recording_of(layout: Layout, path: str = "f", more_tables: Sequence[Table] = (), **known) -> Recording:
+    """A text that is read, with what is known of its samples, and without any."""
+    table = Table("", (), lambda columns: iter(()))
+    reader, known = Reader("text", lambda path, start: True, lambda source: [table]), {"damage": Damage()} | known
+    return Recording(Path(path), reader, [table, *more_tables], table, RecordingOptions(), layout, **known)
 
 
 def made(hand: Hand | None = None, seed: int = 1, attitudes: np.ndarray = ATTITUDES) -> Session:
@@ -88,16 +103,31 @@ def ros2_bag(path: Path, s: Session, *, mcap: bool, with_imu=True) -> Path:
     return path
 
 
-def ulog(path: Path, s: Session) -> Path:
-    """A PX4 log with `sensor_combined` (https://docs.px4.io/main/en/dev_log/ulog_file_format.html)."""
+def ulog_of(topics: dict[str, str], data: Iterable[tuple[int, bytes]], parameters: dict[str, int]) -> bytes:
+    """A PX4 log: fields of each topic, payloads with the numbers of their topics, and integer parameters.
+
+    The format is https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
+    """
 
     def message(kind: bytes, content: bytes) -> bytes:
         return struct.pack("<HB", len(content), kind[0]) + content
 
-    fields = "sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
-    out = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0), message(b"B", bytes(40)), message(b"F", fields.encode())]
-    out.append(message(b"A", struct.pack("<BH", 0, 0) + b"sensor_combined"))
-    for time, rate, force in zip(s.time_s, np.radians(s.rate), G * s.force, strict=True):
-        out.append(message(b"D", struct.pack("<HQ6f", 0, round(time * 1e6) + 10**6, *rate, *force)))
-    path.write_bytes(b"".join(out))
+    out = [b"ULog\x01\x12\x35\x01" + bytes(8), message(b"B", bytes(40))]
+    out += [message(b"F", f"{name}:{fields}".encode()) for name, fields in topics.items()]
+    for name, value in parameters.items():
+        key = f"int32_t {name}".encode()
+        out.append(message(b"P", bytes([len(key)]) + key + struct.pack("<i", value)))
+    out += [message(b"A", struct.pack("<BH", 0, number) + name.encode()) for number, name in enumerate(topics)]
+    out += [message(b"D", struct.pack("<H", number) + payload) for number, payload in data]
+    return b"".join(out)
+
+
+SENSOR_COMBINED = {"sensor_combined": "uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"}
+
+
+def ulog(path: Path, s: Session) -> Path:
+    """A PX4 log with `sensor_combined`."""
+    samples = zip(s.time_s, np.radians(s.rate), G * s.force, strict=True)
+    data = ((0, struct.pack("<Q6f", round(time * 1e6) + 10**6, *rate, *force)) for time, rate, force in samples)
+    path.write_bytes(ulog_of(SENSOR_COMBINED, data, {}))
     return path

@@ -1,15 +1,21 @@
-"""DataFlash and Xbus logs, written here byte by byte as the formats are specified: every number, and damage in a line."""
+"""DataFlash, Xbus and PX4 logs, written byte by byte as specified: every number, damage, and corrections by the device."""
 
 import struct
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 import polars as pl
 import pytest
+from recordings_made import SENSOR_COMBINED, ulog_of
 
+from tumblecal.cli.output import Output
+from tumblecal.cli.thermal import _printed
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.formats import xbus as xbus_file
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.reading import read_recording as write_samples
+from tumblecal.recordings.thermal.read_thermal import thermal_reading
 
 
 IMU = "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"
@@ -21,21 +27,36 @@ def fmt(number: int, name: str, formats: str, fields: str) -> bytes:
     return b"\xa3\x95\x80" + stated
 
 
-def dataflash(rows: np.ndarray, instances: int = 2) -> list[bytes]:
+def dataflash(
+    rows: np.ndarray, instances: int = 2, parameters: Mapping[str, float] = MappingProxyType({})
+) -> list[bytes]:
     """Messages of `rows` (n, 6) of angular rates and accelerations; the second instance reads the negative of them."""
     messages = [
         fmt(0x80, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
         fmt(20, "MSG", "QZ", "TimeUS,Message"),
+        fmt(40, "PARM", "QNf", "TimeUS,Name,Value"),
         fmt(21, "IMU", "QBffffffIIfBBHH", IMU),
         b"\xa3\x95\x14" + struct.pack("<Q64s", 5, b"ArduCopter"),
+        *(b"\xa3\x95\x28" + struct.pack("<Q16sf", 1, name.encode(), value) for name, value in parameters.items()),
     ]
     for k, row in enumerate(rows):
         for own in range(instances):
-            values = struct.pack(
-                "<QB6fIIfBBHH", 10**6 + 2500 * k, own, *(row * (-1) ** own), 0, 0, 41.5, 1, 1, 400, 400
-            )
-            messages.append(b"\xa3\x95\x15" + values)
+            numbers = 10**6 + 2500 * k, own, *(row * (-1) ** own), 0, 0, 41.5, 1, 1, 400, 400
+            messages.append(b"\xa3\x95\x15" + struct.pack("<QB6fIIfBBHH", *numbers))
     return messages
+
+
+def dataflash_text(rows: np.ndarray, parameters: Mapping[str, float]) -> bytes:
+    """The same as text, with messages of another kind between them."""
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns", "FMT, 1, 1, ATT, Qcc, TimeUS,Roll,Pitch"]
+    lines += [f"FMT, 131, 43, IMU, QBffffffIIfBBHH, {IMU}"]
+    lines += [f"PARM, 1, {name}, {value}" for name, value in parameters.items()]
+    for k, row in enumerate(rows):
+        for own in (0, 1):
+            numbers = 10**6 + 2500 * k, own, *(row * (-1) ** own).tolist(), 0, 0, 41.5, 1, 1, 400, 400
+            lines.append(", ".join(["IMU", *map(repr, numbers)]))
+        lines.append(f"ATT, {2500 * k}, 0.5, 0.25")
+    return ("\n".join(lines) + "\n").encode()
 
 
 @pytest.fixture
@@ -50,17 +71,25 @@ def imported(path, out, options=RecordingOptions()):
     return contents, frame.select("ax_ms2", "ay_ms2", "az_ms2").to_numpy(), frame
 
 
-def test_dataflash_messages_of_each_instance(tmp_path, rows):
-    (tmp_path / "log.bin").write_bytes(b"".join(dataflash(rows)))
-    contents, force, frame = imported(tmp_path / "log.bin", tmp_path / "out.parquet")
+DATAFLASH = {
+    "log.bin": (lambda rows, parameters: b"".join(dataflash(rows, 2, parameters)), "IMU", "IMU/1"),
+    "log.log": (dataflash_text, "IMU[0]", "IMU[1]"),
+}
+
+
+@pytest.mark.parametrize(("name", "form"), DATAFLASH.items())
+def test_dataflash_messages_of_each_instance(tmp_path, rows, name, form):
+    write, *topics = form
+    (tmp_path / name).write_bytes(write(rows, {}))
+    contents, force, frame = imported(tmp_path / name, tmp_path / "out.parquet")
     np.testing.assert_array_equal(force, rows[:, 3:])
     np.testing.assert_array_equal(frame.select("gx_rads", "gy_rads", "gz_rads").to_numpy(), rows[:, :3])
     np.testing.assert_allclose(frame["time_s"], 2.5e-3 * np.arange(200), atol=1e-12)
     assert set(frame["temperature_degc"]) == {41.5}
-    assert [table.name for table in contents.tables] == ["IMU", "IMU/1"]
+    assert [table.name for table in contents.tables] == topics
     assert contents.rate_hz == pytest.approx(400)
-    assert not contents.damage.lines
-    _, force, _ = imported(tmp_path / "log.bin", tmp_path / "out.parquet", RecordingOptions(topic="IMU/1"))
+    assert not contents.damage.lines and not contents.unread.rows
+    _, force, _ = imported(tmp_path / name, tmp_path / "out.parquet", RecordingOptions(topic=topics[1]))
     np.testing.assert_array_equal(force, -rows[:, 3:])
 
 
@@ -131,22 +160,6 @@ def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):
         write_samples(tmp_path / "b.mtb", tmp_path / "out.parquet", RecordingOptions())
 
 
-@pytest.mark.parametrize("make", [dataflash, mtb])
-def test_changed_bytes_are_rows_or_a_line(tmp_path, rows, make):
-    log, rng = b"".join(make(rows[:20])), np.random.default_rng(4)
-    for _ in range(10):
-        content = bytearray(log)
-        for at in rng.integers(0, len(log), 5):
-            content[at] = rng.integers(256)
-        (tmp_path / "log.bin").write_bytes(content[: rng.integers(len(log) // 2, len(log))])
-        try:
-            contents = write_samples(tmp_path / "log.bin", tmp_path / "out.parquet", RecordingOptions())
-        except InputError as fault:
-            assert "\n" not in str(fault)
-        else:
-            assert contents.rows <= 20
-
-
 def test_dataflash_of_old_firmware_has_milliseconds_and_a_name_for_each_sensor(tmp_path, rows):
     fields = "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"
     log = fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns") + fmt(130, "IMU2", "Iffffff", fields)
@@ -156,3 +169,99 @@ def test_dataflash_of_old_firmware_has_milliseconds_and_a_name_for_each_sensor(t
     assert contents.table.name == "IMU2"
     np.testing.assert_array_equal(force, rows[:, 3:])
     np.testing.assert_allclose(frame["time_s"], 0.02 * np.arange(200), atol=1e-12)
+
+
+TOPICS = SENSOR_COMBINED | {
+    "sensor_accel": "uint64_t timestamp;uint32_t device_id;float x;float y;float z;float temperature;",
+    "sensor_selection": "uint64_t timestamp;uint32_t accel_device_id;",
+}
+
+
+def ulog(rows: np.ndarray, parameters: dict[str, int], selected: int | None) -> bytes:
+    """A PX4 log with the samples of the sensors and of the device."""
+    data = [(2, struct.pack("<QI", 10**6, selected))] if selected is not None else []
+    for k, row in enumerate(rows):
+        time = 10**6 + 5000 * k
+        data += [(0, struct.pack("<Q6f", time, *row)), (1, struct.pack("<QI4f", time, 77, *row[3:], 30.0 + k / 100))]
+    return ulog_of(TOPICS, data, parameters)
+
+
+CORRECTED = {"TC_A_ENABLE": 1, "TC_A0_ID": 77, "TC_A1_ID": 0}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "selected", "topic", "warned"),
+    [
+        (CORRECTED, None, "sensor_combined", True),
+        (CORRECTED, 77, "sensor_combined", True),
+        (CORRECTED, 78, "sensor_combined", False),
+        (CORRECTED, 77, "sensor_accel", False),
+        (CORRECTED | {"TC_A_ENABLE": 0}, 77, "sensor_combined", False),
+        (CORRECTED | {"TC_A0_ID": 0}, 77, "sensor_combined", False),
+    ],
+)
+def test_px4_states_a_correction(tmp_path, rows, parameters, selected, topic, warned):
+    pytest.importorskip("pyulog")
+    (tmp_path / "log.ulg").write_bytes(ulog(rows, parameters, selected))
+    contents = write_samples(tmp_path / "log.ulg", tmp_path / "out.csv", RecordingOptions(topic=topic))
+    assert contents.damage.lines == (
+        [
+            "the device has corrected these readings for temperature (TC_A_ENABLE 1, TC_A0_ID 77), so a calibration "
+            "corrects them twice: read --topic sensor_accel, which is not corrected, or record again with TC_A_ENABLE 0"
+        ]
+        if warned
+        else []
+    )
+    again = write_samples(tmp_path / "out.csv", tmp_path / "again.parquet", RecordingOptions())
+    assert again.damage.lines == contents.damage.lines
+
+
+def test_damage_of_a_px4_log_is_reported(tmp_path, rows):
+    log = ulog(rows, {}, None)
+    for content, words, fewest in (
+        (log + bytes(100), "is not the start of a message: data after it may be lost or wrong", len(rows)),
+        (log[:-5], "the file ends within a message", len(rows) - 1),
+    ):
+        (tmp_path / "log.ulg").write_bytes(content)
+        contents, _, frame = imported(tmp_path / "log.ulg", tmp_path / "out.parquet")
+        (line,) = contents.damage.lines
+        assert words in line and len(frame) >= fewest
+
+
+@pytest.mark.parametrize("formats", ["QBffffff?", "QBfffff", "QBddddddIIfBBHH"])
+def test_dataflash_fields_whose_formats_do_not_agree_are_not_read(tmp_path, rows, formats):
+    """An unknown format, too few, or another length than stated: one line with the messages of the log."""
+    messages = dataflash(rows)
+    stated = messages[3].replace(b"QBffffffIIfBBHH\0", formats.encode().ljust(16, b"\0"))
+    (tmp_path / "log.bin").write_bytes(b"".join([*messages[:3], stated, *messages[4:]]))
+    with pytest.raises(InputError, match=r"no message has AccX, AccY, AccZ; it has MSG \(1\), IMU \(400\)"):
+        imported(tmp_path / "log.bin", tmp_path / "out.parquet")
+
+
+@pytest.mark.parametrize(("name", "form"), DATAFLASH.items())
+def test_ardupilot_states_a_correction(tmp_path, rows, name, form):
+    """INS_TCAL1_ENABLE of the first sensor; 2 learns, and corrects nothing."""
+    parameters = {"INS_TCAL1_ENABLE": 1.0, "INS_TCAL2_ENABLE": 2.0, "INS_TCAL3_ENABLE": 0.0, "INS_USE": 1.0}
+    write, *topics = form
+    (tmp_path / name).write_bytes(write(rows, parameters))
+    first, second = (
+        imported(tmp_path / name, tmp_path / "out.parquet", RecordingOptions(topic=topic))[0].damage.lines
+        for topic in topics
+    )
+    assert not second
+    assert first == [
+        "the device has corrected these readings for temperature (INS_TCAL1_ENABLE 1), so a calibration corrects them "
+        "twice: record again with INS_TCAL1_ENABLE 0"
+    ]
+
+
+def test_thermal_warns_of_a_ramp_of_a_corrected_sensor(capsys, tmp_path):
+    rng, degc = np.random.default_rng(5), np.linspace(20.0, 50.0, 3000)
+    accelerations = [0.1, 0.2, 9.8] + 1e-3 * degc[:, None] + 0.01 * rng.normal(size=(3000, 3))
+    messages = dataflash(np.zeros((0, 6)), 1, {"INS_TCAL1_ENABLE": 1.0})
+    messages[3] = fmt(21, "IMU", "QBffff", "TimeUS,I,AccX,AccY,AccZ,T")
+    for k, (row, own) in enumerate(zip(accelerations, degc, strict=True)):
+        messages.append(b"\xa3\x95\x15" + struct.pack("<QB4f", 10**6 + 50_000 * k, 0, *row, own))
+    (tmp_path / "ramp.bin").write_bytes(b"".join(messages))
+    _printed(Output(), thermal_reading([tmp_path / "ramp.bin"]))
+    assert capsys.readouterr().err.count("(INS_TCAL1_ENABLE 1), so a calibration corrects them twice") == 1

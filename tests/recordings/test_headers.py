@@ -1,27 +1,16 @@
 """Headers of loggers that the rules for names were not made from: the right columns or a question, never wrong ones."""
 
-import re
-import tomllib
-from pathlib import Path
-
 import numpy as np
 import polars as pl
 import pytest
-from recording_headers import Header, columns_of, renamed, shuffled
+from recording_headers import columns_of, headers_of, renamed, shuffled
 
 from tumblecal import InputError
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.reading import read_recording
 
 
-_TABLE = tomllib.loads(Path(__file__).with_name("more_headers.toml").read_text(encoding="utf-8"))["headers"]
-
-
-def header_of(source: str, names: str, codes: str, separator: str = ",", **more) -> Header:
-    return Header(source, tuple(re.sub('"', "", names).split(separator)), tuple(codes.split()), separator, **more)
-
-
-HEADERS = [header_of(**entry) for entry in _TABLE]
+HEADERS = headers_of("more_headers.toml")
 
 
 @pytest.mark.parametrize("header", HEADERS, ids=[header.source for header in HEADERS])

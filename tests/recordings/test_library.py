@@ -66,6 +66,14 @@ def test_the_description_reads_the_recording_as_it_was_described(tmp_path, faces
     recording = library.read_recording(described)
     assert recording.layout.per_g == 2000 and recording.path == path
     assert library.read_recording(described, unit="2048/g").layout.per_g == 2048
-    with pytest.raises(library.InputError, match="key colour: unknown"):
-        described.write_text(described.read_text().replace("[source]", 'colour = "red"\n[source]'))
-        library.read_recording(described)
+    for text, words in (
+        (described.read_text().replace("[source]", 'colour = "red"\n[source]'), "key colour: unknown"),
+        (described.read_text().replace("file =", "files ="), "needs schema = 'tumblecal.recording/1' and file ="),
+        ("file = ", "not a description of a recording .*; write it with tumblecal import"),
+    ):
+        described.write_text(text)
+        with pytest.raises(library.InputError, match=words):
+            library.read_recording(described)
+    path.write_text("sampled at 100 Hz\nax,ay,az\n" + "0.1,0.2,0.97\n" * 40)
+    assert tumblecal("import", path, "--out", tmp_path / "s.parquet").code == 0
+    assert "rate = 100" in described.read_text() and library.read_recording(described).rate_hz == 100

@@ -1,5 +1,7 @@
 """Recordings whose cells or values are not in the file: one line, before the memory is allocated. Nothing else is read."""
 
+import gzip
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -30,15 +32,13 @@ def test_a_blank_cell_far_from_the_others_is_ignored(tumblecal, tmp_path: Path) 
 
 
 def test_a_value_far_from_the_others_is_one_line(tumblecal, tmp_path: Path) -> None:
-    path = book(tmp_path / "log.xlsx", lambda sheet, bold: sheet.write_string(60_000, 2_000, "x"))
-    outcome = tumblecal("import", path, "--out", tmp_path / "out.csv")
-    assert outcome.code == 2 and len(outcome.lines) == 1
-    assert "60001 rows of 2001 columns up to the last cell need " in outcome.lines[0]
+    (line,) = tumblecal(
+        "import", book(tmp_path / "log.xlsx", lambda sheet, bold: sheet.write_string(60_000, 2_000, "x"))
+    ).lines
+    assert "60001 rows of 2001 columns up to the last cell need " in line
 
 
 def test_repeated_cells_of_an_open_document_are_one_line(tumblecal, tmp_path: Path) -> None:
-    import zipfile
-
     cell = '<table:table-cell table:number-columns-repeated="16384" office:value-type="float" office:value="1"/>'
     with zipfile.ZipFile(tmp_path / "log.ods", "w") as archive:
         archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
@@ -49,13 +49,9 @@ def test_repeated_cells_of_an_open_document_are_one_line(tumblecal, tmp_path: Pa
     assert outcome.code == 2 and "1048576 rows of 16384 columns" in outcome.lines[0]
 
 
-@pytest.fixture
-def h5py():
-    return pytest.importorskip("h5py")
-
-
 @pytest.mark.parametrize("kind", ["external storage", "virtual", "external link"])
-def test_an_hdf5_file_reads_no_other_file(tumblecal, tmp_path: Path, h5py, kind: str) -> None:
+def test_an_hdf5_file_reads_no_other_file(tumblecal, tmp_path: Path, kind: str) -> None:
+    h5py = pytest.importorskip("h5py")
     (tmp_path / "secret").write_bytes(np.full(100, 0.6).tobytes())
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["ax"] = np.full(100, 0.6)
@@ -74,14 +70,16 @@ def test_an_hdf5_file_reads_no_other_file(tumblecal, tmp_path: Path, h5py, kind:
     assert outcome.code == 2 and words in outcome.lines[0] and not (tmp_path / "out.csv").exists()
 
 
-def test_too_little_memory_is_one_line(tumblecal, tmp_path: Path, monkeypatch) -> None:
-    import tumblecal.data.files as files
+def test_values_that_are_not_there_are_one_line(tumblecal, tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "big.h5", "w") as file:
+        file.create_dataset("ax", shape=(10**10,), chunks=(1000,), dtype="f8")
+    (line,) = tumblecal("import", tmp_path / "big.h5").lines
+    assert "80 GB of memory, but the file has 0 MB" in line
 
-    def refused(path):
-        raise MemoryError
 
-    (tmp_path / "a.csv").write_text("position,alpha_deg,beta_deg,ax_g,ay_g,az_g\n")
-    monkeypatch.setattr(files, "csv_table", refused)
-    outcome = tumblecal("calibrate", tmp_path / "a.csv", "--out", tmp_path / "out")
-    assert outcome.code == 2 and outcome.lines == ["tumblecal: not enough memory for this file or computation; split the "
-                                                   "file, or close other programs"]  # fmt: skip
+def test_zeros_that_are_compressed_to_nothing_are_one_line(tumblecal, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("tumblecal.recordings.memory._BASE", 1_000_000)
+    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(bytes(10_000_000)))
+    (line,) = tumblecal("import", tmp_path / "log.csv.gz").lines
+    assert "log.csv.gz: its contents need" in line and "decompress it with gunzip" in line

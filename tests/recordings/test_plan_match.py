@@ -14,37 +14,6 @@ from tumblecal.recordings.options import KnownContext, RecordingOptions
 from tumblecal.recordings.reduce import reduced
 
 
-PLAN = """
-[session]
-mount = "B"
-[site]
-gravity_ms2 = 9.80665
-[positions]
-beta_deg = [0, 45, 90]
-alpha_deg = [0, 45, 90, 135, 180, 225, 270, 315]
-"""
-SIX = """
-[positions]
-listed = [
-  {name = "x up", alpha_deg = 0, beta_deg = -90}, {name = "x down", alpha_deg = 0, beta_deg = 90},
-  {name = "y up", alpha_deg = 90, beta_deg = 0}, {name = "y down", alpha_deg = -90, beta_deg = 0},
-  {name = "z up", alpha_deg = 0, beta_deg = 0}, {name = "z down", alpha_deg = 180, beta_deg = 0},
-]
-"""
-
-
-@pytest.fixture
-def grid(tmp_path):
-    (tmp_path / "plan.toml").write_text(PLAN)
-    return tmp_path / "plan.toml"
-
-
-@pytest.fixture
-def six(tmp_path):
-    (tmp_path / "six.toml").write_text(SIX)
-    return tmp_path / "six.toml"
-
-
 def readings(plan: CapturePlan, order, *, bias=(0.0, 0.0, 0.0), seed=1):
     """What a triad with a bias and a few degrees of misalignment reads at these positions of a plan."""
     rng = np.random.default_rng(seed)
@@ -109,7 +78,7 @@ def test_surplus_intervals_are_refused_with_their_angle(tmp_path, six):
     s = made(Hand(), 3, np.insert(directions, 3, np.array([1, 1, 1]) / 3**0.5, axis=0))
     pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
     reduction = reduced([tmp_path / "s.parquet"], KnownContext(plan=six))
-    assert reduction.data.names == ("x up", "y up", "z up", "x down", "y down", "z down")
+    assert reduction.data.names == ("x_p", "y_p", "z_p", "x_n", "y_n", "z_n")
     assert reduction.dwells.stillness is not None
     (refused,) = (one.reason for one in reduction.dwells.stillness.intervals if one.reason)
     assert refused.startswith("surplus: not a position of the plan, 5")
@@ -138,12 +107,30 @@ def test_a_table_of_means_becomes_a_hand_held_set(tmp_path, tumblecal, suffix):
 MEANS = ["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", "a,0,0,0,0,1", "b,90,0,0,1,0", "c,180,0,0,0,-1", "d,0,90,-1,0,0"]
 
 
-@pytest.mark.parametrize("row", ["b,90,0,0,nan,0", "note: warm"])
-def test_a_mean_that_is_left_out_is_named(tmp_path, tumblecal, row):
-    (tmp_path / "means.csv").write_text("\n".join([*MEANS[:2], row, *MEANS[3:]]))
-    outcome = tumblecal("reduce", tmp_path / "means.csv", "--means", "--out", tmp_path / "out")
-    assert outcome.code == 0 and "3 positions, angles known" in outcome.out
-    assert f"WARNING: {tmp_path / 'means.csv'}: 1 line left out, without a whole reading: 3" in outcome.lines
+@pytest.mark.parametrize("named", [True, False])
+def test_means_are_positions_of_a_plan_by_name_or_direction(tmp_path, six, named):
+    plan, order = read_plan(six), [4, 0, 5, 3, 1, 2]
+    force = readings(plan, order, bias=(0.1, -0.2, 0.05))
+    columns = {f"a{axis}_g": force[:, k] for k, axis in enumerate("xyz")}
+    frame = pl.DataFrame(columns | {"position": [names(plan)[k] for k in order]})
+    (frame if named else frame.drop("position")).write_csv(tmp_path / "means.csv")
+    data = reduced([tmp_path / "means.csv"], KnownContext(plan=six, means=True)).data
+    np.testing.assert_array_equal(data.beta_deg, [plan.steps[k].beta_deg for k in order])
+    assert not named or data.names == tuple(frame["position"])
+    frame[0, "position"], frame[0, "ax_g"], frame[0, "ay_g"] = "z_up", 0.9, 0.9
+    (frame if named else frame.drop("position")).write_csv(tmp_path / "means.csv")
+    with pytest.raises(InputError, match=r"means.csv: row 1: not a position of the plan \(1 such rows\); remove them"):
+        reduced([tmp_path / "means.csv"], KnownContext(plan=six, means=True))
+
+
+def test_intervals_that_are_nowhere_in_the_plan_are_a_line(tmp_path):
+    (tmp_path / "two.toml").write_text("[positions]\nalpha_deg = [0, 180]\nbeta_deg = [0]\n")
+    s = made(Hand(), 3, np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0]]))
+    pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
+    with pytest.raises(
+        InputError, match=r"none of 3 intervals at rest fits a position of the plan \(nearest: \d+ deg away\)"
+    ):
+        reduced([tmp_path / "s.parquet"], KnownContext(plan=tmp_path / "two.toml"))
 
 
 def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
@@ -165,14 +152,23 @@ def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
 
 
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("row", "words"),
     [
-        (["# gravity_ms2: 981"], "means.csv: comment gravity_ms2: '981' is not a gravity in m/s^2"),
-        (["e,0,45,1e9,0,1"], "means.csv:row 5, column ax_g: 1e+09 g is not a possible reading"),
+        ("b,90,0,0,nan,0", ""),
+        ("note: warm", ""),
+        ("# gravity_ms2: 981", "means.csv: comment gravity_ms2: '981' is not a gravity in m/s^2"),
+        ("e,0,45,1e9,0,1", "means.csv:row 2, column ax_g: 1e+09 g is not a possible reading"),
     ],
 )
-def test_faults_of_means_name_the_users_file(tmp_path, more, words):
-    (tmp_path / "means.csv").write_text("\n".join([*MEANS, *more]))
-    with pytest.raises(InputError) as refused:
-        reduced([tmp_path / "means.csv"], KnownContext(means=True))
-    assert refused.value.faults[0].startswith(str(tmp_path)) and words in refused.value.faults[0]
+def test_faults_of_means_name_the_users_file(tmp_path, tumblecal, row, words):
+    """A row without a whole mean is left out; others are refused."""
+    path = tmp_path / "means.csv"
+    path.write_text(
+        "\n".join(["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", "a,0,0,0,0,1", row, "c,180,0,0,0,-1", "d,0,90,-1,0,0"])
+    )
+    outcome = tumblecal("reduce", path, "--means", "--out", tmp_path / "out")
+    if words:
+        assert outcome.code == 2 and outcome.lines[0].startswith(f"tumblecal: {tmp_path}") and words in outcome.lines[0]
+    else:
+        assert outcome.code == 0 and "3 positions, angles known" in outcome.out
+        assert f"WARNING: {path}: 1 line left out, without a whole reading: 3" in outcome.lines

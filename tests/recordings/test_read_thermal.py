@@ -228,6 +228,25 @@ def test_noise_of_position_files_can_be_stated_and_that_of_samples_not(tmp_path:
         read_thermal([written(tmp_path, angles)], noise_sd=2e-4)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda degc: None, "column temperature_degc is missing; write the temperature of each position"),
+        (lambda degc: degc + 273.15, "temperatures 273.1 to 293.2 are in kelvin; write degC"),
+    ],
+)
+def test_position_files_need_possible_temperatures(tmp_path: Path, change, words: str):
+    data = positions([0, 20])
+    write_positions(tmp_path / "positions.csv", replace(data, temperature_degc=change(data.temperature_degc)))
+    with pytest.raises(InputError, match=words):
+        read_thermal([tmp_path / "positions.csv"])
+
+
+def test_bins_have_a_width(tmp_path: Path):
+    with pytest.raises(InputError, match="width of the bins, 0 degC: it must be above 0"):
+        read_thermal([written(tmp_path, _RAMP)], bin_degc=0.0)
+
+
 _RAMP = recording(ramp(0, 40, 1), UP)
 
 
@@ -241,6 +260,8 @@ _RAMP = recording(ramp(0, 40, 1), UP)
             "column temperature_degc has no values; write the temperature of",
         ),
         (_RAMP.rename({"temperature_degc": "TempF"}), {}, "column TempF is in kelvin or Fahrenheit by its name"),
+        (_RAMP.rename({"temperature_degc": "TempF"}), {"columns": "temperature=TempF"}, "column TempF is in kelvin or"),
+        (_RAMP.drop("time_s"), {}, r"the sample rate is not known; give --rate 100 \(Hz\)"),
         (recording(np.full(2400, 25.0), UP), {}, r"the temperature is constant \(.*within its resolution and noise\)"),
         (_RAMP.with_columns(pl.col("temperature_degc") + 273.15), {}, "are in kelvin; write degC"),
         (_RAMP.with_columns(pl.col("temperature_degc") * 340), {}, "not a possible temperature of a triad"),
@@ -270,6 +291,32 @@ def test_a_slow_log_of_several_attitudes_needs_the_statement_that_it_was_still(t
     np.testing.assert_allclose(sd_mg, 3.0, rtol=0.1)
     table = read_thermal([path], KnownContext(means=True), noise_sd=1e-3 * sd_mg)
     assert len(table.attitudes) == 2 and len(table) == 400
+
+
+def test_a_slow_log_of_one_attitude_is_taken_as_still(tmp_path: Path):
+    reading = thermal_reading([written(tmp_path, slow(np.tile(UP, (400, 1))))])
+    ((_, (line,)),) = reading.warnings
+    assert line == "samples at 0.25 Hz cannot show movements; taken as still, in one attitude"
+    assert reading.table.attitudes == ("a1",)
+
+
+STUCK = [(0.1, 16, False, False), (0.1, 16, True, True), (0.0, 1, True, False)]
+
+
+@pytest.mark.parametrize(("noise", "step", "stays", "stuck"), STUCK)
+def test_a_stuck_thermometer_is_reported_only_if_its_noise_stops(tmp_path: Path, noise, step, stays, stuck):
+    """Not in a soak of a coarse thermometer without noise. Readings at rest without a temperature are counted."""
+    degc = ramp(0, 40, 6)
+    degc[6000:] = degc[6000] if stays else degc[6000:]
+    read = np.round((degc + noise * np.random.default_rng(7).standard_normal(len(degc))) * step) / step
+    read[6000:] = read[6000] if stays else read[6000:]
+    read[2000:4000] = np.nan
+    reading = thermal_reading([written(tmp_path, recording(degc, UP).with_columns(temperature_degc=read))])
+    lines = [*reading.lines, *(line for _, lines in reading.warnings for line in lines)]
+    assert any("100 s at rest have no temperature and are not used" in line for line in lines)
+    found = [line for line in lines if "the thermometer shows exactly" in line]
+    assert len(found) == stuck and all("from 300 s to 360 s" in line for line in found), found
+    assert reading.table.n.sum() <= len(degc) - 2000
 
 
 def test_a_file_at_one_of_several_soaks_is_one_row(tmp_path: Path):

@@ -231,6 +231,53 @@ def test_sniff_says_something_of_any_bytes(tmp_path, s, tumblecal):
     assert "no format recognises it" in line
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("nothing.csv", None, "nothing.csv: no such file or folder"),
+        ("log.pdf", b"%PDF-1.7\n" + bytes(99), "log.pdf: this is a PDF"),
+        ("journal.log", b"x", "this is the folder of a capture. For its samples, give"),
+        ("raw.bin", bytes(5000), "raw.bin: "),
+    ],
+)
+def test_what_is_no_recording_is_a_line(tmp_path, tumblecal, name, content, words):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    outcome = tumblecal("import", tmp_path if name == "journal.log" else tmp_path / name, "--out", tmp_path / "out.csv")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+    outcome = tumblecal("import", tmp_path / name, "--out", tmp_path / "out.xls")
+    assert outcome.code == 2 and outcome.lines[0].endswith("out.xls: must end in .csv or .parquet")
+
+
+@pytest.mark.parametrize(
+    ("sent", "code", "words"), [("mip", 0, "MIP"), ("noise", 2, "unknown protocol"), ("", 2, "no bytes")]
+)
+def test_sniff_listens_at_each_baud_rate(monkeypatch, tumblecal, sent, code, words):
+    """The verdict is what the plan of a capture needs; otherwise one line."""
+    samples, rng = blank(200), np.random.default_rng(1)
+    samples.force[:] = [0, 0, 1]
+    content = {
+        "mip": lambda: protocol("mip").encode(samples, Settings(rate_hz=100.0)),
+        "noise": lambda: rng.bytes(9999),
+    }
+
+    class Device:
+        def __init__(self, url, baud):
+            self.waiting = content[sent]() if sent and baud == 230400 else b""
+
+        def read(self):
+            data, self.waiting = self.waiting, b""
+            return data
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr("tumblecal.capture.port.transport.Port", Device)
+    outcome = tumblecal("sniff", "imu", "--seconds", "0.02", "--baud", "115200", "--baud", "230400")
+    assert outcome.code == code and words in "".join([*outcome.lines[-1:], outcome.out])
+    assert len(outcome.lines) == (code == 2) and ('protocol = "mip", baud = 230400' in outcome.out) == (code == 0)
+
+
 def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
     path = text(tmp_path / "other.csv", s, ",", imu_columns(s))
     lines = path.read_text().splitlines()

@@ -8,8 +8,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+from tumblecal.capture.journal import Journal
+from tumblecal.capture.port.recorder import clocks
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.dwells.position_samples import read_position_samples
+from tumblecal.recordings.options import KnownContext
 from tumblecal.recordings.reduce import reduced
 
 
@@ -73,11 +77,27 @@ def test_means_of_white_samples(tmp_path, white, suffix):
 def test_a_table_of_a_capture_s_samples_is_reduced_as_the_capture(tmp_path):
     """Slow noise (a wander of 100 s) makes the means worse than sd / sqrt(n); table and folder say so alike."""
     capture = write_capture(tmp_path / "capture", forces(), 1e-4, 5e-5, 100.0)
-    folder = reduced([capture.folder]).data
+    folder = reduced([capture.folder], KnownContext(run="2")).data
+    assert folder.run == ("2",) * 24
     table = reduced([written(tmp_path / "log.csv", columns(capture.samples, capture.times_s))]).data
     np.testing.assert_allclose(table.readings, folder.readings, atol=2e-6)  # the frames are quantised
     np.testing.assert_allclose(table.sd, folder.sd, rtol=0.1)
     assert np.min(table.sd) > 2 * 1e-4 / np.sqrt(capture.samples.shape[1])
+
+
+def test_a_capture_without_positions_or_with_a_damaged_journal_is_a_line(tmp_path):
+    journal = Journal(tmp_path)
+    journal.write("session", mount="1", run="1", clocks=clocks())
+    with pytest.raises(
+        InputError, match=rf"no position was accepted yet; to resume: tumblecal capture --resume {tmp_path}"
+    ):
+        reduced([tmp_path])
+    journal.write("accepted", position=0, attempt=1, log_start=0, log_stop=9, sha256="", summary={}, clocks=clocks())
+    journal.close()
+    with pytest.raises(
+        InputError, match=r"journal.log: the entry of the device is damaged; restore the file from a copy"
+    ):
+        reduced([tmp_path])
 
 
 def test_a_position_that_comes_again_is_a_dwell_of_its_own(tmp_path, white):
@@ -102,20 +122,53 @@ def test_the_rate_may_be_stated_and_angles_unknown(tmp_path, white):
     assert data.time_s is not None and np.ptp(data.time_s) == pytest.approx(23 * COUNT / RATE_HZ)
 
 
+def without(name):
+    return lambda told: told.pop(name)
+
+
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "comment", "words"),
     [
-        (lambda told: told.pop("alpha_deg"), "column alpha_deg is missing; write the angles"),
-        (lambda told: told.pop("time_s"), "the sample rate is not known; add a column time_s or a comment"),
-        (lambda told: told.update(time_s=told["time_s"] * 0), "column time_s must increase"),
-        (lambda told: told.update(position=np.arange(24 * COUNT)), "too few samples at position 0 \\(1\\), 1 \\(1\\)"),
+        (without("alpha_deg"), "", "column alpha_deg is missing; write the angles"),
+        (without("position"), "# attitudes: unknown\n", "column position is missing; write the name"),
+        (without("time_s"), "", "the sample rate is not known; add a column time_s or a comment"),
+        (without("time_s"), "# rate_hz: fast\n", "comment rate_hz: 'fast' is not a sample rate in Hz"),
+        (lambda told: told.update(time_s=told["time_s"] * 0), "", "column time_s must increase"),
+        (lambda told: told.update(position=np.arange(480)), "", r"too few samples at position 0 \(1\), 1 \(1\)"),
+        (
+            lambda told: told.update(position=[""] * 9 + ["a"] * 471),
+            "",
+            "column position: 9 empty cells; write the position",
+        ),
+        (lambda told: [told.update({name: values[:0]}) for name, values in told.items()], "", "no rows; write a row"),
     ],
 )
-def test_what_is_no_table_of_samples(tmp_path, white, change, words):
-    told = columns(*white)
+def test_what_is_no_table_of_samples(tmp_path, white, change, comment, words):
+    """For `reduce` and for `diagnose --samples`, which needs no angles."""
+    told = {name: values[::75] for name, values in columns(*white).items()}
     change(told)
+    path = written(tmp_path / "log.csv", told, comment)
     with pytest.raises(InputError, match=words):
-        reduced([written(tmp_path / "log.csv", told)])
+        reduced([path])
+    if "alpha_deg" not in words:
+        with pytest.raises(InputError, match=words):
+            read_position_samples(path)
+
+
+def test_samples_of_positions_whose_means_are_given(tmp_path, white):
+    """Their times and rate, also by a comment; a folder must be that of a capture."""
+    told = {name: values[: 2 * COUNT] for name, values in columns(*white).items()}
+    found = read_position_samples(written(tmp_path / "raw.csv", told))
+    assert found.rate_hz == pytest.approx(RATE_HZ) and found.positions.names == ("0-1", "0-2")
+    np.testing.assert_allclose(found.force[1].mean(0), white[0][1].mean(0), atol=1e-12)
+    assert found.positions.time_s == pytest.approx(white[1][:2].mean(1)) and found.still_s == pytest.approx(
+        2 * COUNT / RATE_HZ
+    )
+    del told["time_s"]
+    found = read_position_samples(written(tmp_path / "raw.csv", told, "# rate_hz: 62.5\n"))
+    assert found.rate_hz == 62.5 and found.positions.time_s is None
+    with pytest.raises(InputError, match="no journal"):
+        read_position_samples(tmp_path)
 
 
 @pytest.mark.long

@@ -1,10 +1,12 @@
 """Several files as one recording: positions from names and tables, means of the still parts, clocks, faults."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from recordings_made import ANGLES
 
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.data import read_positions
@@ -12,31 +14,12 @@ from tumblecal.ground.errors import InputError
 from tumblecal.recordings import reduce
 from tumblecal.recordings.dwells.file_names import recording_files
 from tumblecal.recordings.dwells.file_places import places_by_names, places_by_table
-from tumblecal.recordings.options import KnownContext
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 FACES = {"x_p": (1, 0, 0), "x_n": (-1, 0, 0), "y_p": (0, 1, 0), "y_n": (0, -1, 0), "z_p": (0, 0, 1), "z_n": (0, 0, -1)}
-ANGLES = {"x_p": (0, -90), "x_n": (0, 90), "y_p": (90, 0), "y_n": (-90, 0), "z_p": (0, 0), "z_n": (180, 0)}
-SIX = "[positions]\nlisted = [{}]\n".format(
-    ", ".join(f'{{name = "{name}", alpha_deg = {a}, beta_deg = {b}}}' for name, (a, b) in ANGLES.items())
-)
 BIAS = np.array([0.2, -0.1, 0.05])
 SCALE = np.array([[1.01, 0.01, -0.02], [0.0, 0.99, 0.015], [0.0, 0.0, 1.005]])
-GRID = [(alpha, beta) for beta in (-30, 0, 30) for alpha in range(0, 360, 45)]
-
-
-@pytest.fixture
-def six(tmp_path):
-    path = tmp_path / "six.toml"
-    path.write_text(SIX)
-    return path
-
-
-@pytest.fixture
-def grid(tmp_path):
-    path = tmp_path / "grid.toml"
-    path.write_text("[positions]\nalpha_deg = [0, 45, 90, 135, 180, 225, 270, 315]\nbeta_deg = [-30, 0, 30]\n")
-    return path
 
 
 def write(
@@ -81,7 +64,7 @@ def test_files_have_the_names_of_positions(six, grid):
     names = ["x_p.csv", "X_N.txt", "y_p.csv", "y_n.csv", "sub/z_p.csv", "z_n.csv"]
     expected = [ANGLES[name] for name in FACES]
     assert angles_of(names, six) == expected and angles_of(names[::-1], six) == expected[::-1]
-    assert angles_of(["1.csv", "2.csv", "24.csv"], grid) == [GRID[0], GRID[1], GRID[23]]
+    assert angles_of(["1.csv", "2.csv", "24.csv"], grid) == [(0, 0), (45, 0), (315, 90)]
 
 
 def test_a_folder_and_patterns_hold_recordings_in_natural_order(tmp_path):
@@ -139,14 +122,8 @@ def test_a_table_gives_positions_run_and_mount(tmp_path, six):
     ]
     table.write_text("file,position,alpha_deg,beta_deg,run,mount\n" + "\n".join(rows) + "\n")
     data = reduced(files, table=table).data
-    assert dict(zip(data.names, data.run, strict=True)) == {
-        "xp": "1",
-        "xn": "1",
-        "yp": "2",
-        "yn": "2",
-        "zp": "2",
-        "zn": "2",
-    }
+    runs = zip(data.names, data.run, strict=True)
+    assert all(run == ("1" if name[0] == "x" else "2") for name, run in runs)
     assert set(data.mount) == {"M"}
     np.testing.assert_array_equal(data.alpha_deg[[data.names.index("yn"), data.names.index("zn")]], [-90, 180])
     table.write_text("file,name\n" + "\n".join(f"{name},{name}" for name in ANGLES) + "\n")
@@ -158,15 +135,28 @@ def test_a_table_gives_positions_run_and_mount(tmp_path, six):
     ("content", "words"),
     [
         ("file,position\nx_p.csv,a\n", "does not list"),
+        ("file\nx_p.csv\n", "column position, or alpha_deg and beta_deg is missing; write a row for each file"),
+        ("alpha_deg\n1\n", "column file and beta_deg is missing"),
+        ("file,position\nx_p.csv,a\nx_n,noon\n", "line 2, column position: 'a' is not a position of the plan: x_p"),
         ("file,alpha_deg,beta_deg\nx_p.csv,1,up\nx_n,0,0\n", "line 2, column beta_deg: 'up' is not a number"),
         ("file,alpha_deg,beta_deg\nx_p.csv,1,0\nx_n,0,0\nx_p,3,4\n", "lines 2 and 4 both fit"),
     ],
 )
-def test_faults_of_a_table(content, words, tmp_path):
+def test_faults_of_a_table(content, words, tmp_path, six):
     (tmp_path / "files.csv").write_text(content)
-    with pytest.raises(InputError) as fault:
-        places_by_table([Path("d/x_p.csv"), Path("d/x_n.csv")], tmp_path / "files.csv", None)
-    assert words in str(fault.value)
+    with pytest.raises(InputError, match=words):
+        places_by_table([Path("d/x_p.csv"), Path("d/x_n.csv")], tmp_path / "files.csv", read_plan(six))
+
+
+def test_files_of_one_name_need_their_folders_in_the_table(tmp_path):
+    (tmp_path / "files.csv").write_text("file,position\na.csv,up\n")
+    with pytest.raises(
+        InputError, match=r"one row fits 1/a.csv and a second file; write one row for each, with its folder"
+    ):
+        places_by_table([Path("1/a.csv"), Path("2/a.csv")], tmp_path / "files.csv", None)
+    (tmp_path / "files.csv").write_text("file,position\n1/a.csv,up\n.\\2\\a.csv,down\n")
+    places = places_by_table([Path("1/a.csv"), Path("2/a.csv")], tmp_path / "files.csv", None)
+    assert [(place.name, place.known) for place in places.places] == [("up", False), ("down", False)]
 
 
 def spoil(folder: Path, how: str) -> None:
@@ -177,6 +167,13 @@ def spoil(folder: Path, how: str) -> None:
         write(path, (0, 0, 1), names="time_s,ax_ms2,ay_ms2,az_ms2", unit=9.80665)
     elif how == "rate":
         write(path, (0, 0, 1), rate=40.0)
+    elif how == "times":
+        write(path, (0, 0, 1), names="n,ax_g,ay_g,az_g")
+    elif how == "columns":
+        names = "time_s,acc_raw_x_g,acc_raw_y_g,acc_raw_z_g,acc_x_g,acc_y_g,acc_z_g"
+        for name in FACES:
+            zeros = np.array([0, 0, 0, 1, 1, 1]) if name == "z_p" else 1.0
+            write(folder / f"{name}.csv", FACES[name], names=names, order=(0, 1, 2, 0, 1, 2), unit=zeros)
     elif how == "serial":
         for name, serial in (("z_p", "B2"), ("x_p", "B1")):
             own = folder / f"{name}.csv"
@@ -189,6 +186,8 @@ def spoil(folder: Path, how: str) -> None:
         ("empty", "z_p.csv: the file is empty"),
         ("unit", "z_p.csv: accelerations in m/s^2, but in"),
         ("rate", "samples a second, but"),
+        ("columns", "z_p.csv: accelerations in the columns acc_x_g, acc_y_g, acc_z_g, but in"),
+        ("times", "z_p.csv: no column of times, but"),
         ("serial", "serial_number is not the same in these files"),
     ],
 )
@@ -198,6 +197,59 @@ def test_files_that_are_not_of_one_recording(how, words, tmp_path, six):
     with pytest.raises(InputError) as fault:
         reduced(files, six)
     assert words in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    ("context", "words"),
+    [
+        ({"means": True}, "--means needs one table with one row for each position, but 6 files are given"),
+        ({"static": True}, "--static states that the attitudes are unknown, --plan states them; give only one"),
+    ],
+)
+def test_options_that_do_not_fit_the_files(tmp_path, six, context, words):
+    files = faces(tmp_path / "f", rows=200)
+    with pytest.raises(InputError, match=words):
+        reduced(files, six, **context)
+
+
+def test_a_log_without_a_statement_of_its_positions_is_a_question(tmp_path):
+    write(tmp_path / "log.txt", (0, 0, 1))
+    with pytest.raises(
+        InputError, match=r"log.txt: state how to find its positions: --static .* --plan PLAN.toml .* --by"
+    ):
+        reduced([tmp_path / "log.txt"])
+    write(tmp_path / "log.txt", (0, 0, 1), names="n,ax_g,ay_g,az_g")
+    with pytest.raises(InputError, match=r"log.txt: the sample rate is not known; give --rate 100"):
+        reduced([tmp_path / "log.txt"], static=True)
+
+
+def test_positions_by_a_column_of_several_files(tmp_path):
+    for name, place in (("a", "p,0,0"), ("b", "q,90,0")):
+        rows = [f"{k / 100},{0.001 * (k % 3)},{name == 'b':d},{name == 'a':d},{place}" for k in range(40)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["time_s,ax_g,ay_g,az_g,part,alpha_deg,beta_deg", *rows, ""]))
+    found = reduced([tmp_path / "a.csv", tmp_path / "b.csv"], by="part")
+    assert found.data.names == ("p", "q") and found.data.alpha_deg.tolist() == [0, 90]
+    assert any("the pauses between the files are unknown" in line for line in found.dwells.lines)
+
+
+def test_intervals_that_are_too_short_are_a_line(tmp_path, six):
+    with pytest.raises(
+        InputError, match=r"no interval at rest is long enough \(\d.*short.*3.9 s are needed.*\); see --least-s"
+    ):
+        reduce.reduced(faces(tmp_path / "f"), KnownContext(plan=six), criterion=Criterion(least_s=3.9))
+
+
+def test_files_without_times_have_the_stated_rate(tmp_path, six):
+    """And a second attitude in one of them is not its position."""
+    files = faces(tmp_path / "f", names="n,ax_g,ay_g,az_g")
+    with pytest.raises(InputError, match=r"x_n.csv: the sample rate is not known; give --rate 100"):
+        reduced(files, six)
+    lines = [(tmp_path / "f" / f"{name}.csv").read_text().splitlines() for name in ("x_p", "z_p")]
+    (tmp_path / "f" / "x_p.csv").write_text("\n".join([*lines[0], *lines[1][1:300], ""]))
+    found = reduce.reduced(files, KnownContext(plan=six), RecordingOptions(rate=100.0))
+    assert sorted(found.data.names) == sorted(FACES) and found.data.time_s is None
+    (refused,) = (one.reason for one in found.dwells.stillness.intervals if one.reason)
+    assert re.fullmatch(r"attitude: 7\d deg from the longest interval at rest of x_p.csv", refused)
 
 
 def test_a_file_without_a_still_part_is_reported_and_the_others_count(tmp_path, six):
@@ -254,16 +306,15 @@ def test_dates_order_the_files_and_are_the_time(tmp_path, six):
     assert data.comments["time_zero"] == "2023-11-14T22:08:20.000Z"
 
 
-def test_the_command_prints_the_positions_before_a_fault(tmp_path, tumblecal):
+def test_the_command_prints_the_positions_before_a_fault(tmp_path, tumblecal, six):
     faces(tmp_path / "f")
-    (tmp_path / "six.toml").write_text(SIX)
     out = tmp_path / "out"
-    done = tumblecal("reduce", tmp_path / "f", "--plan", tmp_path / "six.toml", "--no-figures", "--out", out)
+    done = tumblecal("reduce", tmp_path / "f", "--plan", six, "--no-figures", "--out", out)
     assert done.code == 0
     content = json.loads((out / "reduction.json").read_text())
     assert [own["position"] for own in content["files"]] == ["x_n", "x_p", "y_n", "y_p", "z_n", "z_p"]
     assert len(read_positions(out / "positions.csv")) == 6
     (tmp_path / "f" / "z_p.csv").write_text("")
-    failed = tumblecal("reduce", tmp_path / "f", "--plan", tmp_path / "six.toml", "--out", out)
+    failed = tumblecal("reduce", tmp_path / "f", "--plan", six, "--out", out)
     assert failed.code == 2
     assert any("z_p.csv  z_p  alpha 0    beta 0" in line for line in failed.lines)

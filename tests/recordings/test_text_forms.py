@@ -87,6 +87,42 @@ def test_numbers_between_words_are_those_written(tmp_path, name):
         ), column
 
 
+XSENS = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
+DOT = "DeviceTag:,A1\nOutputRate:,100Hz\n\n"
+# Lines before the rows; a row: s is its time in s, n in 0.1 ms, k its number, f its force; options.
+WRITTEN = {
+    "a row for each axis": ("sensor,t,axis,value", "acc,{s},X,{f[0]}\nacc,{s},Y,{f[1]}\nacc,{s},Z,{f[2]}", {}),
+    "rows of kinds": (
+        "$FLYS,1\n$COL,IMU,time,ax,ay,az\n$UNIT,IMU,s,g,g,g\n$COL,BARO,time,pressure\n$UNIT,BARO,s,Pa\n$DATA",
+        "$IMU,{s},{f[0]},{f[1]},{f[2]}\n$BARO,{s},101300",
+        {},
+    ),
+    "GENEActiv": ("Device Type,GENEActiv\n", "2024-05-03 10:00:{s:06.3f},{f[0]},{f[1]},{f[2]},5,0,24.5", {}),
+    "Xsens MT Manager": (f"{XSENS}SampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z", "{n}\t{f[0]}\t{f[1]}\t{f[2]}", {}),
+    "Xsens without times": (f"{XSENS}SampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z", "\t{f[0]}\t{f[1]}\t{f[2]}", {}),
+    "Xsens DOT": (f"{DOT}PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z", "{k:05d},{n}00,{f[0]},{f[1]},{f[2]}", {}),
+    "a label before the names": ("Fields:,t,ax,ay,az", "{s},{f[0]},{f[1]},{f[2]}", {}),
+    "names between commas": ("t,ax,ay,az", "{s} {f[0]} {f[1]} {f[2]}", {}),
+    "a rate in words": ("sampled at 100 Hz", "ax:{f[0]} ay:{f[1]} az:{f[2]}", {}),
+    "a sensor among several": ("sensor,t,ax,ay,az", "0,{s},9,9,9\n1,{s},{f[0]},{f[1]},{f[2]}", {"rows": "sensor=1"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("name", WRITTEN)
+def test_layouts_of_loggers(tmp_path, name, encoding):
+    above, row, options = WRITTEN[name]
+    rows = [row.format(s=k / HZ, n=2**31 + 100 * k, k=k, f=FORCE[k]) for k in range(ROWS)]
+    (tmp_path / "log.txt").write_text("\n".join([above, *rows, ""]), encoding=encoding)
+    recording = write_samples(tmp_path / "log.txt", tmp_path / "out.parquet", RecordingOptions(**options))
+    frame = pl.read_parquet(tmp_path / "out.parquet")
+    np.testing.assert_array_equal(of_axes(frame, "a"), FORCE)
+    assert recording.rate_hz == pytest.approx(HZ)
+    assert ("time_s" in frame.columns) == (name not in ("a rate in words", "Xsens without times"))
+    if "time_s" in frame.columns:
+        np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
+
+
 def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):
     lines = [f"ax:{f[0]},ay:{f[1]},az:{f[2]}" for f in FORCE]
     lines[20], lines[30], lines[40] = "ax:0.1,az:0.3", "ay:0.1,ax:0.2,az:0.3", "ax:0.1,ay:0"
@@ -131,47 +167,6 @@ def test_json(tmp_path, name):
         np.testing.assert_array_equal(of_axes(frame, "g"), RATE[-len(truth) :])
 
 
-XSENS = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
-DOT = "DeviceTag:,A1\nOutputRate:,100Hz\n\n"
-
-
-@pytest.mark.parametrize("separator", ["\t", ","])
-@pytest.mark.parametrize("counted", [True, False])
-def test_xsens_exports(tmp_path, separator, counted):
-    """SampleTimeFine in counts of 0.1 ms (MT Manager) or 1 us (DOT), or empty: then the preamble's rate counts."""
-    names = ["PacketCounter", "SampleTimeFine", "Acc_X", "Acc_Y", "Acc_Z"]
-    step = 100 if separator == "\t" else 10_000
-    rows = [
-        [f"{k:05d}", str(2**31 + step * k) if counted else "", *map(repr, (9.80665 * FORCE[k]).tolist())]
-        for k in range(ROWS)
-    ]
-    text = (XSENS if separator == "\t" else DOT) + "\n".join(separator.join(row) for row in [names, *rows])
-    frame, contents = imported(tmp_path / "log.txt", text + "\n", RecordingOptions())
-    assert contents.rate_hz == pytest.approx(HZ, abs=1e-6) and ("time_s" in frame.columns) is counted
-    np.testing.assert_allclose(of_axes(frame, "a"), 9.80665 * FORCE, rtol=1e-15)
-
-
-@pytest.mark.parametrize("instances", [0, 2])
-def test_dataflash_logs_as_text(tmp_path, instances):
-    """Messages of several kinds; with an instance each is a table of its own, and the first is taken."""
-    fields = ["TimeUS" if instances else "TimeMS", *["I"] * bool(instances), *(f"Gyr{axis}" for axis in "XYZ")]
-    fields += [*(f"Acc{axis}" for axis in "XYZ"), "EG", "EA", "T"]
-    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns", "FMT, 1, 1, ATT, Qcc, TimeUS,Roll,Pitch"]
-    lines += [f"FMT, 131, 43, IMU, QBffffffIIf, {','.join(fields)}", "PARM, 1, INS_USE, 1.0"]
-    for k in range(ROWS):
-        time = 10 * k * (1000 if instances else 1)
-        for i in range(max(1, instances)):
-            numbers = [*RATE[k], *(9.80665 * FORCE[k] + i), 0, 0, 30 + k % 3]
-            lines += [", ".join(["IMU", str(time), *[str(i)] * bool(instances), *(f"{own:.17g}" for own in numbers)])]
-        lines += [f"ATT, {time}, 0.5, 0.25"]
-    frame, contents = imported(tmp_path / "00000012.log", "\n".join(lines) + "\n", RecordingOptions())
-    assert len(contents.tables) == max(1, instances) and not contents.unread.rows
-    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
-    np.testing.assert_allclose(frame.select("ax_ms2", "ay_ms2", "az_ms2").to_numpy(), 9.80665 * FORCE, rtol=1e-14)
-    np.testing.assert_array_equal(frame.select("gx_rads", "gy_rads", "gz_rads").to_numpy(), RATE)
-    np.testing.assert_array_equal(frame["temperature_degc"], 30 + np.arange(ROWS) % 3)
-
-
 _ODD = {
     "none": None,
     "a key twice": '{"ts": 1, "ts": 2.5, "ax": 1, "ay": 2, "az": 3, "note": "b"}',
@@ -184,6 +179,9 @@ _ODD = {
     "a key among words": '{"ts": 1, "ax": 1, "ay": 2, "az": 3, "note": "ax"}',
     "digits": '{"ts": 9007199254740993, "ax": 1e-400, "ay": 0.1234567890123456789, "az": -0.0, "note": "ü"}',
     "blank": "",
+    "no object": "garbage",
+    "a list": "[1, 2]",
+    "half a character": r'{"ts": "\ud83d"}',
 }
 
 
@@ -203,8 +201,10 @@ def test_json_lines_are_read_as_json_reads_each(tmp_path, odd):
     for row, (_, line) in zip(got.drop(ROW).rows(), wanted, strict=True):
         try:
             content = json.loads(line)
+            json.dumps(content, ensure_ascii=False).encode()
         except ValueError:
             content = {}
+        content = content if isinstance(content, dict) else {}
         numbers = tuple(None if (own := content.get(key)) is None else float(own) for key in keys[:4])
         assert repr(row[:4]) == repr(numbers)
         assert row[4] == content.get("note")

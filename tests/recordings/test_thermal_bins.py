@@ -1,23 +1,17 @@
 """Bins over temperature from arrays: smoothing, branches, soaks, sums in pieces, means with uncertainties, rounding."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from recordings_made import recording_of
 
 from tumblecal.recordings.columns import Layout
-from tumblecal.recordings.damage import Damage
 from tumblecal.recordings.dwells.place import Place
-from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.table import Reader, Table
 from tumblecal.recordings.thermal.bins import binned, course_of, default_width
-from tumblecal.recordings.thermal.block_temperature import stuck_readings
-from tumblecal.recordings.thermal.branches import branches_of
 from tumblecal.recordings.thermal.rounding import rounding_sd
 from tumblecal.recordings.thermal.series import ThermalSeries
-from tumblecal.recordings.thermal.smoothed_temperature import resolution_of, temperature_course
+from tumblecal.recordings.thermal.smoothed_temperature import resolution_of
 
 
 def _triangle(time_s: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -26,53 +20,12 @@ def _triangle(time_s: np.ndarray, low: float, high: float) -> np.ndarray:
     return low + (high - low) * (1 - np.abs(2 * share - 1))
 
 
-def test_staircase_has_its_soaks_on_their_stretches():
-    # Five soaks of 10 minutes up and four down again, each reached exponentially.
-    rng = np.random.default_rng(2)
-    levels = [0, 15, 30, 45, 60, 45, 30, 15, 0]
-    step = np.arange(0, 900, 1.0)
-    parts, last = [], 0.0
-    for level in levels:
-        parts.append(level + (last - level) * np.exp(-step / 60))
-        last = parts[-1][-1]
-    true = np.concatenate(parts)
-    time = np.arange(len(true), dtype=float)
-    read = np.round((true + 0.02 * rng.standard_normal(len(true))) * 16) / 16
-    branches = branches_of(temperature_course(time, read, resolution_of(read)), 1.5)
-    assert branches.sign.tolist() == [1, -1]
-    assert branches.soak.max() + 1 == len(levels)
-    for k, level in enumerate(levels):
-        cells = np.flatnonzero(branches.soak == k)
-        np.testing.assert_allclose(np.median(true[cells]), level, atol=0.3)
-        assert len(cells) > 450
-        assert (branches.direction[cells] == 0).all()
-        reached = 0 if k == 0 else 1 if k <= 4 else -1
-        assert (branches.reached_by[cells] == reached).all()
-
-
-def test_a_stuck_thermometer_is_found_only_if_its_noise_stops():
-    rng = np.random.default_rng(7)
-    ramp = np.linspace(20, 40, 4000)
-    noisy = np.round((ramp + 0.1 * rng.standard_normal(4000)) * 16) / 16
-    assert stuck_readings(noisy) is None
-    stuck = noisy.copy()
-    stuck[2500:3300] = stuck[2500]
-    found = stuck_readings(stuck)
-    assert found is not None
-    np.testing.assert_allclose(found, (2500, 3300), atol=3)
-    # A soak of a coarse thermometer without noise.
-    coarse = np.array(np.round(np.concatenate([ramp[:2000], np.full(2000, 30.2)])), np.float64)
-    assert stuck_readings(coarse) is None
-
-
 def _series(time_s: np.ndarray, force: np.ndarray, degc: np.ndarray, size: int, sd: float) -> ThermalSeries:
     count = len(time_s)
     block_s = float(time_s[1] - time_s[0])
     squares = np.full((count, 3), (size - 1) * sd**2)
     visit = np.zeros(count, int)
-    table, layout = Table("", (), lambda columns: iter(())), Layout({}, None, 1.0, ())
-    reader = Reader("", lambda path, start: True, lambda source: [table])
-    recording = Recording(Path("f"), reader, [table], table, RecordingOptions(), layout, Damage())
+    recording = recording_of(Layout({}, None, 1.0, ()))
     blocks = (block_s, size, time_s, force, squares, visit, visit[:1], (Place("a1"),), np.zeros(3))
     return ThermalSeries("f", "f", recording, {}, *blocks, time_s, degc, 0.0)
 
@@ -118,17 +71,24 @@ def test_bin_means_are_covered_by_their_uncertainties(correlation_s: float):
         np.testing.assert_allclose(independent, 1.0, atol=0.2)
 
 
-def test_uncertainties_of_long_soaks_are_not_extrapolated_from_short_bins():
-    """White noise of 1 mg a sample: every row has 1 mg / sqrt(n), a soak of ten minutes as well as a bin of four seconds."""
-    step = np.arange(0, 600, 0.5)
-    degc = np.concatenate([level - 15 * np.exp(-step / 40) for level in (15, 30, 45, 60)])
+def test_soaks_of_a_staircase_and_their_uncertainties():
+    """Soaks of ten minutes up and down, each reached exponentially; white noise of 1 mg a sample.
+
+    Every row has 1 mg / sqrt(n): the uncertainties of long soaks are not extrapolated from short bins.
+    """
+    rng, step, levels = np.random.default_rng(8), np.arange(0, 600, 0.5), [15, 30, 45, 60, 45, 30, 15]
+    degc = np.concatenate([a + (b - a) * np.exp(-step / 40) for a, b in zip(levels, [0, *levels[:-1]], strict=True)])
     time = 0.5 * np.arange(len(degc))
-    noise = 1e-3 / np.sqrt(20) * np.random.default_rng(8).standard_normal((len(time), 3))
-    series = _series(time, _bias(degc) + noise, degc, 20, 1e-3)
+    noise = 1e-3 / np.sqrt(20) * rng.standard_normal((len(time), 3))
+    read = np.round((degc + 0.02 * rng.standard_normal(len(time))) * 16) / 16
+    series = _series(time, _bias(degc) + noise, read, 20, 1e-3)
     table, _ = binned(series, course_of(series), 1.5)
+    soaks = table.rows(table.soak)
+    np.testing.assert_allclose(soaks.temperature_degc, levels, atol=0.3)
+    assert soaks.reached_by.tolist() == [1, 1, 1, 1, -1, -1, -1]
+    assert soaks.branch == ("f:1 up",) * 4 + ("f:2 down",) * 3
     ratio = table.sd * np.sqrt(table.n)[:, None] / 1e-3
-    assert table.soak.sum() == 4
-    assert table.n[table.soak].min() > 50 * table.n[~table.soak].min()
+    assert soaks.n.min() > 50 * table.n[~table.soak].min()
     assert ratio.min() > 0.9
     assert np.median(ratio[~table.soak]) < 1.2
     assert ratio[table.soak].max() < 1.5

@@ -214,10 +214,6 @@ def exact_role(text: str) -> tuple[str, str] | None:
         return text, ""
     role, _, unit = text.rpartition("_")
     kind = "acceleration" if role in FORCE else "rate" if role in RATE else role
-    if (
-        (unit == "raw" and kind == "rate")
-        or unit in UNITS.get(kind, ())
-        or (unit == "counts" and role in (*FORCE, *RATE))
-    ):
+    if (unit == "raw" and kind == "rate") or unit in UNITS.get(kind, ()) or (unit == "counts" and kind != role):
         return (role, unit) if role in QUANTITIES and unit else None
     return None

@@ -90,6 +90,7 @@ UNITS = {
         "ms": "ms msec msecs milliseconds millis millisecond",
         "us": "us μs usec usecs microsec microseconds micros",
         "ns": "ns nsec nsecs nanosec nanoseconds nanos",
+        "100us": "",  # no name states it: counts of Xsens
     },
     "counts": {"counts": "lsb count counts adc digit digits bit bits nounits no_units"},
     "other": {
