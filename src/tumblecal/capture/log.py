@@ -202,12 +202,14 @@ class LogWriter:
                 return fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
                 if time.monotonic() > deadline_s:
-                    words = "another capture is writing this log; end it first, or give another folder"
-                    raise InputError(f"{self.path}: {words}") from error
+                    raise InputError(
+                        f"{self.path}: another capture is writing this log; end it first, or give another folder"
+                    ) from error
                 time.sleep(0.02)
             except OSError as error:
-                words = f"cannot be locked ({error.strerror}); give a folder on a local disk"
-                raise InputError(f"{self.path}: {words}") from error
+                raise InputError(
+                    f"{self.path}: cannot be locked ({error.strerror}); give a folder on a local disk"
+                ) from error
 
     def append(self, kind: RecordKind, payload: bytes, stamp_ns: int) -> int:
         """Append one record and return the place just after it.

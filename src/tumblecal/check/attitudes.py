@@ -4,25 +4,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
+from tumblecal.capture.journal import sha256_of
 from tumblecal.data.conditions import are_kelvin, temperature_faults
-from tumblecal.data.files import read_positions
 from tumblecal.data.measured import MEASURED
-from tumblecal.data.positions import PositionSet
-from tumblecal.data.raw import column_names
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.recordings.reduce import reduced
+from tumblecal.recordings.reduce import positions_or_rest
 from tumblecal.recordings.reduction import Reduction
 from tumblecal.recordings.thermal.attitudes import grouped
 
 
 # Fewer directions need a log of at least this length, s.
 _FEWEST, _LONG_S = 3, 60.0
-# This many consecutive rows of one position are samples of a dwell.
-_LIKE_SAMPLES = 16
 
 
 def provenance(found: Reduction, calibration: Path) -> dict[str, Any]:
@@ -53,21 +47,12 @@ def still_attitudes(
 
     **Raises:** `InputError` for a recording that cannot be read, has no interval at rest, or too few attitudes.
     """
-    data = _position_file(files, context, options)
-    if data is None:
-        unstated = not (
-            context.plan or context.by or context.table or context.means or (files[0] / JOURNAL_NAME).is_file()
-        )
-        known = replace(context, static=context.static or unstated, run="", mount="")
-        found = reduced(files, known, options, criterion)
-    else:
-        found = Reduction(data, DwellSamples(data, files=tuple(files)))
+    found = positions_or_rest(files, context, options, criterion)
     # Readings in m/s^2, and those of a capture, were divided by the gravity of the recording.
     in_ms2 = found.data.in_ms2 or any(recording.layout.unit == "ms2" for recording in found.dwells.read)
     data = replace(found.data, in_ms2=in_ms2 or "captured_in" in found.data.comments)
-    if context.run or context.mount:
-        labels = {name: (text,) * len(data) for name in ("run", "mount") if (text := getattr(context, name))}
-        data = replace(data, **labels)  # type: ignore[arg-type]
+    labels = {name: (text,) * len(data) for name in ("run", "mount") if (text := getattr(context, name))}
+    data = replace(data, **labels)  # type: ignore[arg-type]
     warmth = data.temperature_degc
     if warmth is not None and are_kelvin(warmth):
         raise InputError(
@@ -76,24 +61,11 @@ def still_attitudes(
     for row, fault in temperature_faults(warmth) if warmth is not None else ():
         raise InputError(f"{data.source}: position {data.names[row]}: temperature {fault}")
     found = replace(found, data=data)
-    if directions_of(found) < _FEWEST and (found.dwells.still_s or 0.0) < _LONG_S:
-        known = "" if found.dwells.still_s is None else f", {found.dwells.still_s:.3g} s at rest"
+    still_s = found.dwells.still_s
+    if directions_of(found) < _FEWEST and (still_s or 0.0) < _LONG_S:
+        known = "" if still_s is None else f", {still_s:.3g} s at rest"
         raise InputError(
             f"{data.source}: only {counted(directions_of(found), 'attitude')}{known}; a check needs three or more attitudes, "
             f"or one log of {_LONG_S:g} s at rest"
         )
     return found
-
-
-def _position_file(files: list[Path], context: KnownContext, options: RecordingOptions) -> PositionSet | None:
-    """The positions of a file of this program as they are; None for other recordings, and for tables of samples."""
-    path, stated = files[0], context.static or context.plan or context.by or context.table
-    if len(files) > 1 or stated or path.suffix not in (".csv", ".parquet") or not path.is_file():
-        return None
-    names = column_names(path)
-    if "alpha_deg" not in names or {"ax_g", "ax_mg", "ax_ms2"}.isdisjoint(names):
-        return None
-    if context.means:
-        return read_positions(path) if options == RecordingOptions(gravity=options.gravity) else None
-    data = read_positions(path, one_of_several=True)
-    return None if len(data) >= _LIKE_SAMPLES * data.stretches else data

@@ -21,7 +21,7 @@ from tumblecal.noise import Covariance, Flicker, GaussMarkov, Noise, RandomWalk,
 from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd
 from tumblecal.noise.recorded import RecordedNoise, against_neighbours, recorded_covariance, recordings
-from tumblecal.recordings.dwells.samples_of_means import samples_of
+from tumblecal.recordings.dwells.samples_of_means import dwell_s, middles_of, samples_of
 
 
 if TYPE_CHECKING:
@@ -174,9 +174,8 @@ def sample_noises(samples: "DwellSamples", data: PositionSet) -> list[MeanNoise]
             "equal, because their resolution is coarser than their noise; the noise cannot be estimated; give --noise-sd"
         )
     counts, times = np.array([len(force) for force in forces], float), _times(samples, data)
-    dwell_s = float(np.median([len(force) for force in samples.force])) / samples.rate_hz
     # Positions without times: any order of independent dwells.
-    order = np.arange(len(forces)) * dwell_s if times is None else times
+    order = np.arange(len(forces)) * dwell_s(samples) if times is None else times
     recorded = RecordedNoise.of(forces, samples.rate_hz, float(np.ptp(order)))
     noises = recorded_noises(
         replace(
@@ -250,10 +249,7 @@ def _diagonal(sd: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "3 posi
 def _times(samples: "DwellSamples", data: PositionSet) -> np.ndarray | None:
     if data.time_s is not None and np.ptp(data.time_s) > 0:
         return np.asarray(data.time_s, float)
-    if samples.positions.time_s is not None:
-        middle_s = dict(zip(samples.positions.names, samples.positions.time_s, strict=True))
-        return np.array([middle_s[name] for name in data.names])
-    return None
+    return middles_of(samples, data)
 
 
 def _by_axis(values: np.ndarray) -> str:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
+from tumblecal.data.files import read_positions
+from tumblecal.data.positions import PositionSet
 from tumblecal.data.raw import column_names, read_raw
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.blas import single_blas_thread
@@ -22,6 +24,8 @@ from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptio
 from tumblecal.recordings.reduction import Reduction, reduction_of
 
 
+# This many consecutive rows of one position are samples of a dwell.
+_LIKE_SAMPLES = 16
 _QUESTION = (
     "state how to find its positions: --static finds intervals at rest with unknown attitudes (hand-held), --plan PLAN.toml "
     "those of a plan, --by COLUMN goes by a column; --means takes each row for a mean"
@@ -48,6 +52,35 @@ def reduced(
     """
     with single_blas_thread():
         return reduction_of(replace(dwells_of(files, context, options, criterion), files=tuple(files)))
+
+
+def positions_or_rest(
+    files: Sequence[Path], context: KnownContext, options: RecordingOptions, criterion: Criterion
+) -> Reduction:
+    """The positions of a file of this program as they are; otherwise as `reduced`, at rest with unknown attitudes if nothing
+    states how to find the positions.
+
+    **Raises:** as `reduced`.
+    """
+    path, named = files[0], context.plan or context.by or context.table
+    if len(files) == 1 and not (context.static or named) and (data := _position_file(path, context, options)):
+        return Reduction(data, DwellSamples(data, files=(path,)))
+    unstated = not (named or context.means or (path / JOURNAL_NAME).is_file())
+    known = replace(context, static=context.static or unstated, run="", mount="")
+    return reduced(files, known, options, criterion)
+
+
+def _position_file(path: Path, context: KnownContext, options: RecordingOptions) -> PositionSet | None:
+    """The positions of a table with angles; None for other files, and for tables of samples."""
+    if path.suffix not in (".csv", ".parquet") or not path.is_file():
+        return None
+    names = column_names(path)
+    if "alpha_deg" not in names or {"ax_g", "ax_mg", "ax_ms2"}.isdisjoint(names):
+        return None
+    if context.means:
+        return read_positions(path) if options == RecordingOptions(gravity=options.gravity) else None
+    data = read_positions(path, one_of_several=True)
+    return None if len(data) >= _LIKE_SAMPLES * data.stretches else data
 
 
 def dwells_of(

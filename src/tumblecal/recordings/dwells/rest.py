@@ -64,7 +64,8 @@ def check_still(source: Path, stillness: Stillness, to_g: float) -> None:
     if not stillness.dof.any():
         noise_mg = float(stillness.noise[:3].max()) * to_g * 1e3
         raise NothingStill(
-            f"{source}: no interval at rest: even in the quietest second the accelerations scatter by {noise_mg:.0f} mg",
+            f"{source}: no interval at rest: in no second do the accelerations scatter by less than "
+            f"{noise_mg:.2g} mg, or no rest lasts {stillness.criterion.least_s:g} s (--least-s)",
             stillness,
         )
     if not stillness.used:

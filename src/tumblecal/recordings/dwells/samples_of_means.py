@@ -54,6 +54,19 @@ def samples_of(dwells: "DwellSamples", data: PositionSet) -> list[NDArray[np.flo
     return [force[name] for name in data.names]
 
 
+def middles_of(dwells: "DwellSamples", data: PositionSet) -> NDArray[np.float64] | None:
+    """The middle of the samples of each of these positions, s; None if they have no times."""
+    if dwells.positions.time_s is None:
+        return None
+    middle_s = dict(zip(dwells.positions.names, dwells.positions.time_s, strict=True))
+    return np.array([middle_s[name] for name in data.names])
+
+
+def dwell_s(dwells: "DwellSamples") -> float:
+    """Length of the median dwell, s."""
+    return float(np.median([len(force) for force in dwells.force])) / dwells.rate_hz
+
+
 def _gravity_words(of_samples: NDArray[np.float64], mean: NDArray[np.float64]) -> str:
     """The remedy if a mean differs like local gravity from standard gravity."""
     ratio = float(np.linalg.norm(of_samples) / np.linalg.norm(mean))
