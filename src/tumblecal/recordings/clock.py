@@ -27,6 +27,7 @@ _TIME = (
 _DAY, _MONTH, _YEAR = r"(?P<day>\d{1,2})", r"(?P<month>\d{1,2})", r"(?P<year>\d{4}|\d\d)"
 FORMS = {
     "y-m-d h:m:s": rf"^\s*(?P<year>\d{{4}})[-/.]{_MONTH}[-/.]{_DAY}[T,]?\s*{_TIME}",
+    "d-Mon-y h:m:s": rf"^\s*{_DAY}-(?P<name>[A-Za-z]{{3}})-{_YEAR}\s+{_TIME}",
     "d.m.y h:m:s": rf"^\s*{_DAY}\.{_MONTH}\.{_YEAR}[T,]?\s*{_TIME}",
     "m/d/y h:m:s": rf"^\s*{_MONTH}[/-]{_DAY}[/-]{_YEAR}[T,]?\s*{_TIME}",
     "d/m/y h:m:s": rf"^\s*{_DAY}[/-]{_MONTH}[/-]{_YEAR}[T,]?\s*{_TIME}",
@@ -62,7 +63,8 @@ def seconds_of(name: str, form: str, first_day: float = 0.0) -> pl.Expr:
     if "<year>" not in FORMS[form]:
         return of_day
     year = pl.when(group("year").str.len_chars() == 2).then("20" + group("year")).otherwise(group("year"))
-    date = pl.concat_str([year, group("month"), group("day")], separator="-").str.to_date("%Y-%m-%d", strict=False)
+    month, kind = ("name", "%Y-%b-%d") if "<name>" in FORMS[form] else ("month", "%Y-%m-%d")
+    date = pl.concat_str([year, group(month), group("day")], separator="-").str.to_date(kind, strict=False)
     return (date.cast(pl.Int64) - int(first_day)) * DAY_S + of_day
 
 
@@ -77,8 +79,9 @@ def unit_of_times(
 ) -> tuple[str, str]:
     """The unit of times, and a note if it was not stated.
 
-    Dates from 1970 have one possible unit, and so has a stated rate. Otherwise it is the first unit in which the rate is one
-    of a sensor, unless the steps may also be the seconds of a slow log.
+    A stated rate has one possible unit, and so have dates from 1970 whose rate is possible. Otherwise it is the first unit in
+    which the rate is one of a sensor, unless the steps may also be the seconds of a slow log. No unit, with a note, is for
+    times that contradict a stated rate.
 
     **Raises:** `InputError` with the options, if more than one unit is possible, or none.
     """
@@ -92,9 +95,13 @@ def unit_of_times(
         return stated, ""
     usual = ("s", "ms", "us", "ns")
     rates = {unit: 1 / (step * TIME_S[unit]) for unit in usual} if step else {}
-    found = [unit for unit in usual if len(times) and _EPOCH_S[0] < times[0] * TIME_S[unit] < _EPOCH_S[1]]
-    if not found and rate_hz:
+    if rate_hz and rates:
         found = [unit for unit, rate in rates.items() if 0.5 < rate / rate_hz < 2]
+        if not found:
+            return "", f"column {name}: no unit of its times gives {rate_hz:g} Hz: not used (to use it: --time-unit)"
+    else:
+        found = [unit for unit in rates if _EPOCH_S[0] < times[0] * TIME_S[unit] < _EPOCH_S[1]]
+        found = [unit for unit in found if _SLOWEST_LOG_HZ < rates[unit] < _FASTEST_HZ]
     if not found:
         found = [unit for unit, rate in rates.items() if _SLOWEST_HZ < rate < _FASTEST_HZ][:1]
         if step < 1 and _SLOWEST_LOG_HZ < rates.get("s", 0.0) < _FASTEST_HZ:

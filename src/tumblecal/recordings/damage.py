@@ -3,6 +3,7 @@
 | kind | meaning | action |
 |---|---|---|
 | `format` | the format shows that something is missing or unreadable | reported |
+| `impossible` | readings of more than a thousand times the size of gravity | left out |
 | `erased` | rows of erased or empty memory: one number on all axes | left out |
 | `disorder` | rows that are earlier than the row before | left out |
 | `duplicates` | rows that occur twice | left out |

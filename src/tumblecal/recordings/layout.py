@@ -285,4 +285,6 @@ def _clock(
         times, column.name, options.time_unit or column.unit, options.rate or stated_rate(table), path
     )
     notes += [note] if note else []
+    if not unit:
+        return without
     return columns | {"time": replace(column, unit="s", scale=TIME_S[unit])}

@@ -28,6 +28,8 @@ WHOLE, SOURCE_COLUMNS = "\x00whole", "\x00source"
 _MOST_UNREADABLE, _SHOWN = 0.2, 5
 # Fewest rows with equal readings that are erased memory; most rows that are late, before the clock goes on.
 _FEWEST_ERASED, _MOST_LATE = 20, 100
+# Readings of this many times the size of gravity are no readings.
+_IMPOSSIBLE = 1000
 # Share of equal readings among rows with one time that occur twice.
 _ALIKE = 0.7
 # Repeated samples: fewest runs of equal readings, and largest share of single ones.
@@ -133,12 +135,14 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
     channels = [named[role] for role in (*FORCE, *RATE) if role in named]
     timed = "time_s" in named.values()
     force = pl.col(channels[:3])
+    size = layout.size / (layout.per_g if layout.per_g and layout.unit == "g" else 1.0)
     numbers = [pl.col(named[role]) / layout.columns[role].scale + layout.columns[role].offset for role in FORCE]
     facts = scan_parquet(samples, check=False)[0].select(
         pl.all_horizontal(pl.col(name) == pl.col(name).shift(1) for name in channels)
         .fill_null(value=False)
         .alias("same"),
         pl.all_horizontal(force == force.shift(1)).fill_null(value=False).alias("same_force"),
+        pl.any_horizontal(force.abs() > _IMPOSSIBLE * size).alias("impossible"),
         ((numbers[0] - numbers[1]).abs() + (numbers[0] - numbers[2]).abs() <= 1e-9 * numbers[0].abs()).alias("flat"),
         (pl.col("time_s") if timed else pl.int_range(pl.len()).cast(pl.Float64)).alias("time"),
     )
@@ -156,6 +160,7 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
             words = f"{counted(count, 'row')} {words}, first row {first}: left out"
             records.append(DamageRecord(kind, words, "left out", count, first, largest, unit))
 
+    leave(facts["impossible"].to_numpy(), "impossible", f"of more than {_IMPOSSIBLE} times the size of gravity")
     leave(
         _long_runs(same & same_time) & (np.mean(same_time) < 0.5) | (_long_runs(same) & flat),
         "erased",

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from tumblecal.data.column_names import role_of
+from tumblecal.data.column_names import FORCE, RATE, role_of
 from tumblecal.data.files import stated
 from tumblecal.data.line_form import FORM_SEPARATOR, LineForm, has_words, without_clock
 from tumblecal.data.text_cells import numbers_in, row_of, separator_of
@@ -24,7 +24,6 @@ _LABEL = re.compile(r"\W*(headers?|columns?|cols?|fields?|names?)\W*", re.IGNORE
 _KNOWN = {
     "Device Type,GENEActiv": ("time", "x (g)", "y (g)", "z (g)", "light (lux)", "button", "temperature (degC)"),
 }  # fmt: skip
-_BY_NUMBER = "or give the columns by number: --columns time=1,ax=2,ay=3,az=4"
 _COMMAS = (
     "commas between cells are indistinguishable from decimal commas; write decimal points, or semicolons between cells"
 )
@@ -71,7 +70,8 @@ def header_of(
                 if not known or source.options.columns:
                     continue
                 raise InputError(
-                    f"{source.path}:line {number}, column {twice[0]}: this name occurs twice; remove one, {_BY_NUMBER}"
+                    f"{source.path}:line {number}, column {twice[0]}: this name occurs twice; remove one, "
+                    f"{_by_number(names)}"
                 )
             return tuple(names), number
         if (
@@ -85,9 +85,18 @@ def header_of(
                 raise InputError(f"{source.path}:line {number}: {_COMMAS}")
             raise InputError(
                 f"{source.path}:line {number}: names {len(names)} columns, but the rows have {width} cells; correct the header "
-                f"line, {_BY_NUMBER}"
+                f"line, {_by_number(names)}"
             )
     return by_number, None
+
+
+def _by_number(names: Sequence[str]) -> str:
+    """The option that gives the columns by number, with the units of their names, or an example of it."""
+    roles = [(*role_of(name), number) for number, name in enumerate(names, start=1)]
+    columns = {role: f"{role}_{unit}={number}".replace("_=", "=") for role, unit, number in reversed(roles) if role}
+    known = [columns[role] for role in ("time", *FORCE, *RATE) if role in columns]
+    option = ",".join(known) if {*FORCE} <= {*columns} else "time=1,ax=2,ay=3,az=4"
+    return f"or give the columns by number: --columns {option}"
 
 
 def check_marks(path: Path, rows: list[list[str]], first: int, separator: str) -> None:

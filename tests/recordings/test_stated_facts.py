@@ -1,0 +1,69 @@
+"""What a file states about its clock and columns; numbers that cannot be times or readings."""
+
+import numpy as np
+import pytest
+
+from tumblecal.ground.errors import InputError
+from tumblecal.recordings.clock import unit_of_times
+from tumblecal.recordings.library import read_recording
+
+
+@pytest.mark.parametrize("begin_s", [10.0, 1100.0, 2017.0, 4100.0, 1.7e9])
+@pytest.mark.parametrize(("unit", "scale"), [("us", 1e-6), ("ns", 1e-9)])
+@pytest.mark.parametrize("rate_hz", [50.0, 250.0])
+def test_a_time_since_the_start_of_a_device_is_no_date(begin_s, unit, scale, rate_hz):
+    """Microseconds after 17 minutes look like seconds since 1970, but the rate does not."""
+    times = np.round((begin_s + np.arange(500) / rate_hz) / scale)
+    assert unit_of_times(times, "t", "", None, "log.csv")[0] == unit
+    assert unit_of_times(times, "t", "", rate_hz, "log.csv")[0] == unit
+
+
+def text(path, header, rows, form="%.6g"):
+    np.savetxt(path, rows, form, ",", header=header, comments="")
+    return path
+
+
+@pytest.fixture
+def force():
+    return np.repeat(np.eye(3), 100, axis=0) + 1e-3 * np.random.default_rng(1).normal(size=(300, 3))
+
+
+def test_times_that_contradict_a_stated_rate_are_not_used(tmp_path, force):
+    """A counter of 16 bits at 500 Hz."""
+    counter = np.arange(300) * 98 % 65536
+    log = text(tmp_path / "log.csv", "TIME_STMP,ax_g,ay_g,az_g", np.column_stack([counter, force]))
+    recording = read_recording(log, rate=500.0)
+    assert recording.rate_hz == 500.0 and "time" not in recording.layout.columns
+    assert any("no unit of its times gives 500 Hz: not used" in note for note in recording.layout.notes)
+
+
+def test_rows_that_are_no_readings_are_left_out(tmp_path, force):
+    """The first lines of a file without names: start, and number of samples."""
+    rows = np.vstack([np.full((2, 3), [[1.7e9], [310000.0]]), 64 * force])
+    recording = read_recording(text(tmp_path / "log.csv", "ax,ay,az", rows), unit="64/g", rate=32.0)
+    assert recording.rows == 300
+    assert [(record.kind, record.rows, record.first_row) for record in recording.damage.records] == [
+        ("impossible", 2, 1)
+    ]
+
+
+def test_a_date_with_the_name_of_its_month(tmp_path, force):
+    lines = [f"11-Oct-2023 15:02:{k / 50:06.3f},{x:.4f},{y:.4f},{z:.4f}" for k, (x, y, z) in enumerate(force)]
+    (tmp_path / "log.csv").write_text("\n".join(["Timestamp,X,Y,Z", *lines]) + "\n")
+    recording = read_recording(tmp_path / "log.csv")
+    assert recording.rate_hz == pytest.approx(50.0)
+    assert recording.clock_comments["time_zero"] == "2023-10-11T15:02:00.000Z"
+
+
+def test_columns_of_one_name_are_proposed_by_what_they_are(tmp_path, force):
+    """A column of times before each channel; the pasted line gives the right columns and units."""
+    times = np.arange(300) / 100
+    rows = np.column_stack([column for axis in range(3) for column in (times, force[:, axis])])
+    log = text(tmp_path / "log.csv", "X [s],Acc X [g],X [s],Acc Y [g],X [s],Acc Z [g]", rows)
+    with pytest.raises(InputError, match="this name occurs twice") as fault:
+        read_recording(log)
+    option = str(fault.value).rpartition("--columns ")[2]
+    assert option == "time_s=1,ax_g=2,ay_g=4,az_g=6"
+    recording = read_recording(log, columns=option)
+    np.testing.assert_allclose(recording.frame().select("ax_g", "ay_g", "az_g").collect().to_numpy(), force, atol=1e-5)
+    assert recording.rate_hz == pytest.approx(100.0)
