@@ -67,3 +67,14 @@ def test_columns_of_one_name_are_proposed_by_what_they_are(tmp_path, force):
     recording = read_recording(log, columns=option)
     np.testing.assert_allclose(recording.frame().select("ax_g", "ay_g", "az_g").collect().to_numpy(), force, atol=1e-5)
     assert recording.rate_hz == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("attitudes", "size", "unit"), [(12, 900, "mg"), (12, 800, "counts"), (1, 800, "mg")])
+def test_several_attitudes_show_the_size_of_gravity_more_closely(tmp_path, attitudes, size, unit):
+    """In one attitude a bias of 0.2 g may be the cause; over several it is not, and 800 counts a g are not mg."""
+    rng = np.random.default_rng(2)
+    directions = rng.normal(size=(attitudes, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    rows = size * np.repeat(directions, 100, axis=0) + rng.normal(size=(100 * attitudes, 3))
+    log = text(tmp_path / "log.csv", "accX,accY,accZ", rows)
+    assert read_recording(log, rate=100.0).layout.unit == unit

@@ -79,7 +79,7 @@ def layout_of(
     columns = _readable(table, first, columns, options, path, notes)
     columns = _scaled(columns, options)
     values = np.stack([columns[role].numbers(table, first) for role in FORCE], axis=1)
-    size = size_of(values)[0]
+    size, changes, dispersion = size_of(values)
     if not np.isfinite(size):
         there = ", ".join(columns[role].name for role in FORCE)
         raise InputError(
@@ -89,7 +89,7 @@ def layout_of(
         check_one_unit(table, columns, roles, options.unit if known is FORCE_UNITS else options.gyro_unit, path)
     if not options.signed and (words := signed_words([columns[role].name for role in FORCE], values)):
         raise InputError(f"{path}: {words}")
-    columns, per_g = force_unit(table, columns, options, size, notes)
+    columns, per_g = force_unit(table, columns, options, size, notes, without_bias=dispersion < changes)
     columns = rate_unit(table, columns, options, notes)
     if "time" in columns:
         columns = _clock(table, first, columns, options, path, notes)

@@ -22,8 +22,9 @@ RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "rad
 # Names of units in files, as an option is written.
 AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
 PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
-# Readings whose size is one g in some unit to within this factor have this unit.
-_ALIKE = 1.3
+# Readings whose size is one g in some unit to within this factor have this unit; if several attitudes show the bias, within
+# the second.
+_ALIKE, _ALIKE_WITHOUT_BIAS = 1.3, 1.15
 # Size of readings with offsets to 0.6 g, relative to gravity.
 _SMALLEST, _LARGEST = 0.35, 1.9
 _FEWEST_ATTITUDES, _MOST_DISPERSION, _LARGEST_OFFSET = 6, 0.05, 0.8
@@ -47,13 +48,19 @@ def stated_unit(text: str, option: str, known: dict[str, str], per: str) -> tupl
     return known.get(plain, "counts"), float(counts[1]) if counts else None
 
 
-def unit_by_size(size: float) -> str:
-    """The unit in which a size of the accelerations is about one g, as a user writes it; empty for none."""
+def unit_by_size(size: float, *, without_bias: bool = False) -> str:
+    """The unit in which a size of the accelerations is about one g, as a user writes it; empty for none.
+
+    **Arguments:**
+
+    - `without_bias`: whether the size is the radius of a sphere through readings of several attitudes.
+    """
     if not size > 0:
         return ""
     near = min(UNITS_PER_G, key=lambda unit: abs(np.log(size / UNITS_PER_G[unit])))
     per = UNITS_PER_G[near]
-    return (near if near in FORCE_UNITS else f"{per:g}/g") if 1 / _ALIKE < size / per < _ALIKE else ""
+    alike = _ALIKE_WITHOUT_BIAS if without_bias else _ALIKE
+    return (near if near in FORCE_UNITS else f"{per:g}/g") if 1 / alike < size / per < alike else ""
 
 
 def may_be_gravity(size: float, unit: str) -> bool:
@@ -159,7 +166,13 @@ def _with_unit(
 
 
 def force_unit(
-    table: Table, columns: Mapping[str, Column], options: RecordingOptions, size: float, notes: list[str]
+    table: Table,
+    columns: Mapping[str, Column],
+    options: RecordingOptions,
+    size: float,
+    notes: list[str],
+    *,
+    without_bias: bool,
 ) -> tuple[dict[str, Column], float | None]:
     """The unit of the accelerations: by option, by name or format, or the one in which their size is about one g."""
     named = next((columns[role].unit for role in FORCE if columns[role].unit), "")
@@ -177,7 +190,7 @@ def force_unit(
         return _with_unit(columns, FORCE, "counts", "format"), table.per_unit["a"]
     if named and "counts_per_g" in table.stated:
         return _with_unit(columns, FORCE, "counts", "file"), float(table.stated["counts_per_g"])
-    near = unit_by_size(size)
+    near = unit_by_size(size, without_bias=without_bias)
     if not near or (named and not near.endswith("/g")):
         return _with_unit(columns, FORCE, "counts", "not known"), None
     notes.append(f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)")
