@@ -132,6 +132,7 @@ def schedule(name: str, rng: np.random.Generator) -> tuple[Schedule, np.ndarray]
 def instrument(plan: Schedule, turns: np.ndarray, rng: np.random.Generator, names: list[str]) -> Instrument:
     """A random instrument with these effects, each coefficient of its usual size."""
     mountings = len(turns)
+    shapes = _SHAPES | {name: (plan.pitch.max(), *rest) for name, rest in _BY_PITCH.items()}
     return Instrument(
         scale=rng.normal(0, 3e-3, 3),
         bias=rng.normal(0, 3e-3, 3),
@@ -139,14 +140,8 @@ def instrument(plan: Schedule, turns: np.ndarray, rng: np.random.Generator, name
         mounts=rng.normal(0, 3e-3, (mountings, 3)),
         turns=turns,
         pitch_errors=rng.normal(0, 1.5e-3, (mountings, plan.pitch.max() + 1)),
-        effects={name: SIZES[name] * rng.normal(size=_shape(name, plan)) for name in names},
+        effects={name: SIZES[name] * rng.normal(size=shapes.get(name, (3,))) for name in names},
     )
-
-
-def _shape(name: str, plan: Schedule) -> tuple[int, ...]:
-    if name in _BY_PITCH:
-        return (plan.pitch.max(), *_BY_PITCH[name])
-    return _SHAPES.get(name, (3,))
 
 
 def _setup(own: Instrument, plan: Schedule) -> blind.Setup:

@@ -112,14 +112,13 @@ def measured(
 def table_of(attitude: Sequence[str], readings: ArrayLike, sd: ArrayLike, temperature_degc: ArrayLike, **columns):
     """A table; single numbers are valid for all rows. By default: one row a minute, all on one rising branch and clock."""
     count, columns = len(attitude), {"n": 1000.0, "direction": 0, "rate_degc_per_s": 0.0, "source": "arrays", **columns}
-    columns = {name: values for name, values in columns.items() if values is not None}
     usual = {"branch": ("arrays:1 up",) * count, "clock": ("1",) * count, "time_s": 60.0 * np.arange(count)}
-    usual |= {"reached_by": columns["direction"], "n_eff": columns["n"]}
-    given = usual | columns | {"sd": sd, "temperature_degc": temperature_degc}
+    given = usual | {"reached_by": columns["direction"], "n_eff": columns["n"]} | columns
+    given |= {"sd": sd, "temperature_degc": temperature_degc}
     for name, values in given.items():
         if name in ("branch", "clock", "mount"):
             given[name] = tuple(values)
-        elif name not in ("source", "comments", "files"):
+        elif values is not None and name not in ("source", "comments", "files"):
             array = np.asarray(values, int if name in ("direction", "reached_by") else float)
             array = array[:, None] if name in ("sd", "n_eff") and array.shape == (count,) != (3,) else array
             given[name] = np.broadcast_to(array, (count, 3) if name in ("sd", "n_eff") else (count,)).copy()

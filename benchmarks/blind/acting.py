@@ -147,6 +147,11 @@ def output(s: Scene, added: tuple[int, np.ndarray]) -> Sized:
     return outputs(s, added[1][:, None] * np.eye(3)[added[0]])
 
 
+def any_output(s: Scene, added: np.ndarray) -> Sized:
+    """The same, the axis drawn last."""
+    return output(s, (s.axis(), added))
+
+
 def attitude(s: Scene, vectors: np.ndarray) -> Sized:
     """Small rotations of the triad by vectors."""
     return outputs(s, np.cross(s.plain, vectors))

@@ -166,10 +166,12 @@ def test_a_damaged_journal_is_reported_and_a_changed_plan_refused(tmp_path, tumb
     assert len(json.loads((tmp_path / "reduction.json").read_text())["damage"]) == 1
     (tmp_path / JOURNAL_NAME).write_bytes(journal + bytes(journal[:30]))  # as a crash ends it: cut off, no word
     with resume(tmp_path) as held:
-        assert len(held.state.accepted) == 5 and [line.split(": ")[0] for line in held.damage] == [JOURNAL_NAME]
-    held.state.accepted[6] = held.state.accepted[0]
+        assert len(held.journal.state.accepted) == 5 and [line.split(": ")[0] for line in held.journal.damage] == [
+            JOURNAL_NAME
+        ]
+    held.journal.state.accepted[6] = held.journal.state.accepted[0]
     with pytest.raises(InputError, match=r"the journal has positions that plan.toml does not have"):
-        plan_of_run(tmp_path, held.state)
+        plan_of_run(tmp_path, held.journal.state)
     plan = (tmp_path / PLAN_NAME).read_text()
     (tmp_path / PLAN_NAME).write_text(plan.replace("45", "44"))
     (line,) = tumblecal("reduce", tmp_path).lines
