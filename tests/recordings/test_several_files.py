@@ -318,3 +318,12 @@ def test_the_command_prints_the_positions_before_a_fault(tmp_path, tumblecal, si
     failed = tumblecal("reduce", tmp_path / "f", "--plan", six, "--out", out)
     assert failed.code == 2
     assert any("z_p.csv  z_p  alpha 0    beta 0" in line for line in failed.lines)
+
+
+def test_a_column_that_only_some_files_have_names_no_positions(tmp_path):
+    write(tmp_path / "a.csv", (1, 0, 0), names="time_s,ax_g,ay_g,az_g")
+    write(tmp_path / "b.csv", (0, 0, 1), names="time_s,ax_g,ay_g,az_g")
+    header, *rows = (tmp_path / "a.csv").read_text().splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([f"{header},position", *(f"{row},up" for row in rows)]) + "\n")
+    data = reduced([tmp_path / "a.csv", tmp_path / "b.csv"]).data
+    assert data.hand_held and data.names == ("a", "b")

@@ -8,6 +8,7 @@ from pathlib import Path
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
 from tumblecal.data.files import read_positions
+from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.raw import column_names, read_raw
 from tumblecal.ground.atomic import scratch_folder
@@ -145,10 +146,9 @@ def _of_recordings(
         table = joined(files, folder, options, context.by)
         recordings = table.recordings
         with guessed(notes_of(recordings)):
-            named = {"position", "alpha_deg"} & set(recordings[0].frame().collect_schema())
+            named = {"position", "alpha_deg"} & set(scan_parquet(table.samples, check=False)[0].collect_schema())
             if context.by or (named and not context.static and plan is None and context.table is None):
-                clock = recordings[0].clock_comments if places is None else {}
-                found = dwells_by_columns(table_with_plan(table.samples, table.source, known, clock), table.identifier)
+                found = dwells_by_columns(table_with_plan(table.samples, table.source, known), table.identifier)
             elif plan is None and not context.static and places is None:
                 raise InputError(f"{table.source}: {_QUESTION}")
             else:

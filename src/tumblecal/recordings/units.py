@@ -24,7 +24,7 @@ AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
 PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
 # Readings whose size is one g in some unit to within this factor have this unit; if several attitudes show the bias, within
 # the second.
-_ALIKE, _ALIKE_WITHOUT_BIAS = 1.3, 1.15
+_LARGEST_RATIO, _LARGEST_RATIO_WITHOUT_BIAS = 1.3, 1.15
 # Size of readings with offsets to 0.6 g, relative to gravity.
 _SMALLEST, _LARGEST = 0.35, 1.9
 _FEWEST_ATTITUDES, _MOST_DISPERSION, _LARGEST_OFFSET = 6, 0.05, 0.8
@@ -59,8 +59,8 @@ def unit_by_size(size: float, *, without_bias: bool = False) -> str:
         return ""
     near = min(UNITS_PER_G, key=lambda unit: abs(np.log(size / UNITS_PER_G[unit])))
     per = UNITS_PER_G[near]
-    alike = _ALIKE_WITHOUT_BIAS if without_bias else _ALIKE
-    return (near if near in FORCE_UNITS else f"{per:g}/g") if 1 / alike < size / per < alike else ""
+    ratio = _LARGEST_RATIO_WITHOUT_BIAS if without_bias else _LARGEST_RATIO
+    return (near if near in FORCE_UNITS else f"{per:g}/g") if 1 / ratio < size / per < ratio else ""
 
 
 def may_be_gravity(size: float, unit: str) -> bool:

@@ -1,6 +1,5 @@
 """Dwells by the columns of a table of samples: a stretch of rows with one position, angles, run and mounting is a dwell."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -74,19 +73,17 @@ def dwells_by_columns(raw: Raw, recording: str) -> DwellSamples:
     return DwellSamples(positions, force, rate, recording, temperatures, entries={"source": source})
 
 
-def table_with_plan(
-    samples: Path, source: Path, known: tuple[KnownContext, CapturePlan | None], clock: Mapping[str, str]
-) -> Raw:
+def table_with_plan(samples: Path, source: Path, known: tuple[KnownContext, CapturePlan | None]) -> Raw:
     """A table of samples with the angles of a plan by name, and with run and mounting of the options.
 
     **Arguments:**
 
-    - `samples`: as of `read_recording`. `source`: for faults. `clock`: comments of the clock.
+    - `samples`: as of `read_recording`. `source`: for faults.
 
     **Raises:** `InputError` if no position of the table is in the plan.
     """
     context, plan = known
-    comments = stated_comments(samples, source, plan, hand_held=context.static and plan is None) | dict(clock)
+    comments = stated_comments(samples, source, plan, hand_held=context.static and plan is None)
     frame, stored = read_parquet(samples, check=False)
     if plan is not None:
         steps = [(str(step.name), float(step.alpha_deg), float(step.beta_deg)) for step in plan.steps]

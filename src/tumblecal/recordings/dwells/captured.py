@@ -15,7 +15,7 @@ from tumblecal.capture.decoding.samples import Samples, Settings, Status
 from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, Attempt, RunState, read_journal, replayed, sha256_of
 from tumblecal.capture.log import RecordKind, read_log
 from tumblecal.capture.protocols import Protocol, protocol
-from tumblecal.capture.protocols.stim300 import settings_of
+from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.run.dwell import losses_of
 from tumblecal.capture.run.run_folder import plan_of_run
 from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment

@@ -12,6 +12,7 @@ from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import PositionSet
+from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity
 from tumblecal.recordings.recording import Recording
@@ -65,10 +66,8 @@ def require_samples(source: str, names: Sequence[str], dwells: Sequence[NDArray]
     """
     few = [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < _FEWEST]
     if few:
-        more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
         raise InputError(
-            f"{source}: too few samples at position {', '.join(few[:_SHOWN])}{more}; {_FEWEST} are needed at each"
-            f"{remedy}"
+            f"{source}: too few samples at position {shortened(few, _SHOWN)}; {_FEWEST} are needed at each{remedy}"
         )
 
 

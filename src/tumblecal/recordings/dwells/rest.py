@@ -30,6 +30,7 @@ _OTHER_ATTITUDE_DEG = 10.0
 _SAME_DEG = 1.0
 # If readings contradict the angles of their files by more than this (g), after scale, axes and bias, files are exchanged.
 _LARGEST_MISFIT, _FEWEST_FOR_MISFIT = 0.15, 6
+_SURPLUS = "surplus: not a position of the plan, {:.0f} deg from the nearest one"
 
 
 class NothingStill(InputError):
@@ -150,9 +151,6 @@ def dwells_at_rest(
     )
 
 
-_SURPLUS = "surplus: not a position of the plan, {:.0f} deg from the nearest one"
-
-
 def _matched(source: Path, stillness: Stillness, plan: CapturePlan, to_g: float) -> PlanMatch:
     """The position of a plan of each used interval."""
     means = np.array([interval.mean for interval in stillness.used])
@@ -201,6 +199,7 @@ def _one_attitude_each(stillness: Stillness, joined: Joined) -> Stillness:
 
 def _without_still(stillness: Stillness, joined: Joined) -> list[tuple[str, list[str]]]:
     """A warning for each file without an interval at rest."""
+    having = {*_files_of(stillness, joined)}
     return [
         (
             str(recording.path),
@@ -210,7 +209,7 @@ def _without_still(stillness: Stillness, joined: Joined) -> list[tuple[str, list
             ],
         )
         for k, recording in enumerate(joined.recordings)
-        if k not in _files_of(stillness, joined)
+        if k not in having
     ]
 
 

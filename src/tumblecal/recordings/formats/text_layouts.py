@@ -93,7 +93,9 @@ def header_of(
 def _by_number(names: Sequence[str]) -> str:
     """The option that gives the columns by number, with the units of their names, or an example of it."""
     roles = [(*role_of(name), number) for number, name in enumerate(names, start=1)]
-    columns = {role: f"{role}_{unit}={number}".replace("_=", "=") for role, unit, number in reversed(roles) if role}
+    columns = {
+        role: f"{'_'.join(filter(None, (role, unit)))}={number}" for role, unit, number in reversed(roles) if role
+    }
     known = [columns[role] for role in ("time", *FORCE, *RATE) if role in columns]
     option = ",".join(known) if {*FORCE} <= {*columns} else "time=1,ax=2,ay=3,az=4"
     return f"or give the columns by number: --columns {option}"
