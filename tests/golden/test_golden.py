@@ -44,7 +44,10 @@ def compared(request) -> Callable[[str, dict[str, Any]], None]:
     return compare
 
 
-@pytest.mark.parametrize("group", cases.GROUPS)
+GROUPS = [pytest.param(name, marks=[pytest.mark.long] * (name == "more")) for name in cases.GROUPS]
+
+
+@pytest.mark.parametrize("group", GROUPS)
 def test_commands(group, compared, tmp_path):
     found = {}
     for name, case in cases.GROUPS[group].items():
