@@ -188,7 +188,7 @@ def spoil(folder: Path, how: str) -> None:
         ("rate", "samples a second, but"),
         ("columns", "z_p.csv: accelerations in the columns acc_x_g, acc_y_g, acc_z_g, but in"),
         ("times", "z_p.csv: no column of times, but"),
-        ("serial", "serial_number is not the same in these files"),
+        ("serial", "z_p.csv: serial_number B2, but in"),
     ],
 )
 def test_files_that_are_not_of_one_recording(how, words, tmp_path, six):
@@ -234,7 +234,7 @@ def test_positions_by_a_column_of_several_files(tmp_path):
 
 def test_intervals_that_are_too_short_are_a_line(tmp_path, six):
     with pytest.raises(
-        InputError, match=r"no interval at rest is long enough \(\d.*short.*3.9 s are needed.*\); see --least-s"
+        InputError, match=r"no interval at rest of 3.9 s \(--least-s\) can be used: \d.*short.*3.9 s are needed"
     ):
         reduce.reduced(faces(tmp_path / "f"), KnownContext(plan=six), criterion=Criterion(least_s=3.9))
 
