@@ -135,7 +135,7 @@ def test_a_table_gives_positions_run_and_mount(tmp_path, six):
     ("content", "words"),
     [
         ("file,position\nx_p.csv,a\n", "does not list"),
-        ("file\nx_p.csv\n", "column position, or alpha_deg and beta_deg is missing; write a row for each file"),
+        ("file\nx_p.csv\n", "column alpha_deg and beta_deg is missing; write a row for each file"),
         ("alpha_deg\n1\n", "column file and beta_deg is missing"),
         ("file,position\nx_p.csv,a\nx_n,noon\n", "line 2, column position: 'a' is not a position of the plan: x_p"),
         ("file,alpha_deg,beta_deg\nx_p.csv,1,up\nx_n,0,0\n", "line 2, column beta_deg: 'up' is not a number"),
@@ -151,7 +151,7 @@ def test_faults_of_a_table(content, words, tmp_path, six):
 def test_files_of_one_name_need_their_folders_in_the_table(tmp_path):
     (tmp_path / "files.csv").write_text("file,position\na.csv,up\n")
     with pytest.raises(
-        InputError, match=r"one row fits 1/a.csv and a second file; write one row for each, with its folder"
+        InputError, match=r"line 2 fits 1/a.csv and 2/a.csv; write one row for each file, with its folder"
     ):
         places_by_table([Path("1/a.csv"), Path("2/a.csv")], tmp_path / "files.csv", None)
     (tmp_path / "files.csv").write_text("file,position\n1/a.csv,up\n.\\2\\a.csv,down\n")
@@ -317,7 +317,7 @@ def test_the_command_prints_the_positions_before_a_fault(tmp_path, tumblecal, si
     (tmp_path / "f" / "z_p.csv").write_text("")
     failed = tumblecal("reduce", tmp_path / "f", "--plan", six, "--out", out)
     assert failed.code == 2
-    assert any("z_p.csv  z_p  alpha 0    beta 0" in line for line in failed.lines)
+    assert any("z_p.csv  z_p  alpha 0  beta 0" in line for line in failed.lines)
 
 
 def test_a_column_that_only_some_files_have_names_no_positions(tmp_path):

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.data.gravity_size import sphere_of
 
 
@@ -13,8 +13,6 @@ from tumblecal.data.gravity_size import sphere_of
 _FAR_DEG = 30.0
 # Directions closer than this are equal for gravity (for example all alpha at beta 90).
 _SAME_DEG = 1.0
-# Costs in the plan's order, in squared tolerances, of a skipped interval, a skipped position, and a repeated position.
-_SURPLUS, _MISSING, _AGAIN = 1.5, 1.0, 0.3
 # Fewest recognised positions for a bias and scale, and fewest readings for a centre.
 _FEWEST_FOR_BIAS, _FEWEST_FOR_CENTRE = 6, 5
 
@@ -29,8 +27,8 @@ class PlanMatch:
     - `angle_deg`: angle to the nearest direction of the plan. `in_order`: whether the intervals are in the plan's order.
     """
 
-    positions: NDArray[np.int64]
-    angle_deg: NDArray[np.float64]
+    positions: Integers
+    angle_deg: Floats
     in_order: bool
     names: tuple[str, ...]
 
@@ -54,7 +52,7 @@ class PlanMatch:
         return lines
 
 
-def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
+def matched(readings: Floats, plan: CapturePlan) -> PlanMatch:
     """Recognise intervals: in the plan's order if this explains as many of them as any order does.
 
     **Arguments:**
@@ -75,7 +73,7 @@ def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
     return max(found, key=lambda one: one[0])[1]
 
 
-def _centres(readings: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def _centres(readings: Floats) -> list[Floats]:
     """Candidate biases of the axes: zero; the middle of each axis' readings; the centre of a sphere through the readings.
     Offsets of 0.25 to 0.6 g, common in cheap sensors, turn directions by up to 30 degrees."""
     centres = [np.zeros(3)]
@@ -86,57 +84,38 @@ def _centres(readings: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     return [centre for centre in centres if (readings != centre).any(1).all()]
 
 
-def _matched(
-    readings: NDArray[np.float64], expected: NDArray[np.float64], tolerance_deg: float, names: tuple[str, ...]
-) -> PlanMatch:
-    angles = _angles(readings, expected)
-    # In any order: the nearest direction of each interval; positions with equal directions are assigned in order.
-    same = _angles(expected, expected) < _SAME_DEG
-    any_order = np.full(len(angles), -1)
-    for interval in np.flatnonzero(angles.min(1) < tolerance_deg):
-        candidates = np.flatnonzero(same[angles[interval].argmin()])
-        any_order[interval] = next((k for k in candidates if k not in any_order), candidates[-1])
-    in_order = _in_order(np.where(angles < tolerance_deg, (angles / tolerance_deg) ** 2, np.inf))
-    explained = [((each >= 0).sum(), len(np.unique(each))) for each in (in_order, any_order)]
+def _matched(readings: Floats, expected: Floats, tolerance_deg: float, names: tuple[str, ...]) -> PlanMatch:
+    angles, same = _angles(readings, expected), _angles(expected, expected) < _SAME_DEG
+    candidates = [
+        np.flatnonzero(same[row.argmin()]).tolist() if row.min() < tolerance_deg else [] for row in angles
+    ]
+    in_order, any_order = (_assigned(candidates, in_order=in_order) for in_order in (True, False))
+    explained = [(int((each >= 0).sum()), len(np.unique(each))) for each in (in_order, any_order)]
     ordered = explained[0] >= explained[1]
     return PlanMatch(in_order if ordered else any_order, angles.min(1), ordered, names)
 
 
-def _angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _assigned(candidates: list[list[int]], *, in_order: bool) -> Integers:
+    """The position of each interval among its candidates, which are equal for gravity: the first one after the last position,
+    otherwise that position again; if not in order, the first one without an interval."""
+    positions, last = np.full(len(candidates), -1), -1
+    for interval, each in enumerate(candidates):
+        free = [k for k in each if (k > last if in_order else k not in positions)]
+        if free or not in_order or last in each:
+            last = (free or ([last] if in_order else each[-1:]) or [-1])[0]
+            positions[interval] = last
+    return positions
+
+
+def _angles(a: Floats, b: Floats) -> Floats:
     """Angles between the rows of two lists, deg."""
     units = [rows / np.linalg.norm(rows, axis=1, keepdims=True) for rows in (a, b)]
     return np.degrees(np.arccos(np.clip(units[0] @ units[1].T, -1.0, 1.0)))
 
 
-def _in_order(cost: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The alignment of intervals (rows) with the plan (columns) of lowest cost, by dynamic programming: the position of each
-    interval, -1 for none."""
-    totals, moves = (_MISSING * np.arange(cost.shape[1] + 1)).tolist(), list[list[str]]()
-    for row in cost.tolist():
-        best = [(totals[0] + _SURPLUS, "surplus")]
-        for j, price in enumerate(row, start=1):
-            choices = [(totals[j] + _SURPLUS, "surplus"), (totals[j - 1] + price, "next")]
-            if moves and moves[-1][j] in ("next", "again"):
-                choices.append((totals[j] + price + _AGAIN, "again"))
-            choice = min(choices, key=lambda one: one[0])
-            # The earlier of positions with equal directions.
-            missing = best[-1][0] + _MISSING
-            best.append((missing, "missing") if missing < choice[0] + 1e-6 else choice)
-        totals = [total for total, _ in best]
-        moves.append([move for _, move in best])
-    positions, j = np.full(len(cost), -1), cost.shape[1]
-    for i in reversed(range(len(cost))):
-        while moves[i][j] == "missing":
-            j -= 1
-        if moves[i][j] != "surplus":
-            positions[i] = j - 1
-        j -= moves[i][j] == "next"
-    return positions
-
-
 def _without_bias(
-    readings: NDArray[np.float64], expected: NDArray[np.float64], positions: NDArray[np.int64]
-) -> NDArray[np.float64] | None:
+    readings: Floats, expected: Floats, positions: Integers
+) -> Floats | None:
     """The readings in the plan's axes, by the affine map from the recognised intervals; None if they do not determine it."""
     known = positions >= 0
     design = np.column_stack([expected[positions[known]], np.ones(int(known.sum()))])

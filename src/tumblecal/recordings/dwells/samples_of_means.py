@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 # Means that differ more from those of the samples (standard deviations of the mean, and g) are not of these samples.
 _FAR_SD, _FAR_G = 30.0, 2e-3
-# Local gravity differs from standard gravity by less than this share.
-_GRAVITY_SHARE = 6e-3
 _SHOWN = 4
 
 
@@ -27,29 +25,20 @@ def samples_of(dwells: "DwellSamples", data: PositionSet) -> list[NDArray[np.flo
     **Raises:** `InputError` if a position has no samples, or their mean is different.
     """
     force, source = dict(zip(dwells.positions.names, dwells.force, strict=True)), dwells.positions.source
-    absent = [name for name in data.names if name not in force]
-    # Joined files prefix a position's name with the name of the file if several files have it.
-    names = [name.partition(":")[2] for name in absent]
-    repeated = [name for name in names if name in force] or [n for n in data.names if data.names.count(n) > 1]
-    if repeated:
+    if wrong := [name for name in data.names if name not in force or data.names.count(name) > 1]:
         raise InputError(
-            f"{data.source}: several positions are named {repeated[0]}, so their samples are indistinguishable in "
-            f"{source}; give each position a name of its own in both"
-        )
-    if absent:
-        raise InputError(
-            f"{source}: no samples of position {shortened(absent, _SHOWN)} of {data.source}; it has "
-            f"{shortened(list(force), _SHOWN)}"
+            f"{source}: no samples of position {shortened(wrong, _SHOWN)} of {data.source}; it has "
+            f"{shortened(list(force), _SHOWN)}; give each position one name, in both"
         )
     for name, mean in zip(data.names, data.readings, strict=True):
-        difference = np.abs(force[name].mean(0) - mean)
-        excess = difference - _FAR_SD * force[name].std(0, ddof=1) / np.sqrt(len(force[name])) - _FAR_G
+        of_samples, limit = force[name].mean(0), _FAR_SD * force[name].std(0, ddof=1) / np.sqrt(len(force[name]))
+        excess = np.abs(of_samples - mean) - limit - _FAR_G
         axis = int(np.argmax(excess))
         if excess[axis] > 0:
             raise InputError(
-                f"{source}: position {name}: the samples' mean of axis {AXES[axis]} is {force[name][:, axis].mean():.6g} "
-                f"g, but {data.source} has {mean[axis]:.6g} g; give the samples that the means were made of"
-                + _gravity_words(force[name].mean(0), mean)
+                f"{source}: position {name}: the samples' mean of axis {AXES[axis]} is {of_samples[axis]:.6g} g, but "
+                f"{data.source} has {mean[axis]:.6g} g; give the samples that the means were made of, and for readings in "
+                "m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity"
             )
     return [force[name] for name in data.names]
 
@@ -65,10 +54,3 @@ def middles_of(dwells: "DwellSamples", data: PositionSet) -> NDArray[np.float64]
 def dwell_s(dwells: "DwellSamples") -> float:
     """Length of the median dwell, s."""
     return float(np.median([len(force) for force in dwells.force])) / dwells.rate_hz
-
-
-def _gravity_words(of_samples: NDArray[np.float64], mean: NDArray[np.float64]) -> str:
-    """The remedy if a mean differs like local gravity from standard gravity."""
-    ratio = float(np.linalg.norm(of_samples) / np.linalg.norm(mean))
-    like_gravity = abs(ratio - 1) < _GRAVITY_SHARE and np.linalg.norm(of_samples - ratio * mean) < _FAR_G
-    return ", and for readings in m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity" if like_gravity else ""

@@ -16,7 +16,7 @@ from tumblecal.recordings.still.intervals import Interval, judged
 from tumblecal.recordings.still.windows import ALLOWANCES, Windows, windows_of
 
 
-# A knock of up to this many blocks, with the same mean within this many windows before and after it, does not split an interval.
+# A knock of up to this many blocks, with the same mean within this many windows on both sides, does not split an interval.
 _KNOCK_BLOCKS, _NEAR_KNOCK = 3, 3
 # A stretch that is never quieter than this many times the standard deviation at rest is a movement, not a rejected interval.
 _RESTLESS = 3.0

@@ -73,7 +73,7 @@ class Windows:
         # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
         dof = np.clip(2 * _inverse_trigamma(spread**2), _FEWEST_DOF, self.samples - 1)
         variance = np.log(special.chdtri(dof, self.false_alarm) / special.chdtri(dof, 0.5))
-        # Readings that alternate between two neighbouring numbers are at rest as far as coarse steps show, whatever their shares.
+        # Readings that alternate between two neighbouring numbers are at rest as far as coarse steps show.
         variance = np.maximum(variance, np.log(np.maximum(self.quantum, 1e-150) / 2) * 2 - base)
         # The resolution of the difference of two half windows is limited by white noise of that variance.
         resolution = np.exp(base / 2) * 2 / np.sqrt(self.samples)
