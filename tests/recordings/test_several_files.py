@@ -272,13 +272,6 @@ def test_positions_that_are_alike_to_gravity_are_a_question(tmp_path):
         reduced(recording_files([tmp_path / "f"]), path)
 
 
-def test_names_that_gravity_contradicts_are_a_doubt(tmp_path, six):
-    for name, up in zip(("x_p", "y_p", "x_n", "y_n", "z_p", "z_n"), FACES.values(), strict=True):
-        write(tmp_path / "f" / f"{name}.csv", up)
-    ((_, words),) = doubts_of(reduced(recording_files([tmp_path / "f"]), six))
-    assert "gravity contradicts the positions by the plan's names" in words
-
-
 def test_without_a_position_in_the_names_gravity_tells_it(tmp_path, six):
     for name, up in zip("abcdef", FACES.values(), strict=True):
         write(tmp_path / "f" / f"log{name}.csv", up)

@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.atomic import write_text
@@ -41,7 +41,7 @@ class Reduction:
     checks: Sequence[DwellChecks] = ()
     noise: RecordedNoise | None = None
     within: tuple[WithinDwells, ...] = ()
-    quiet: Sequence[NDArray[np.float64]] = ()
+    quiet: Sequence[Floats] = ()
 
 
 def reduction_of(dwells: DwellSamples) -> Reduction:

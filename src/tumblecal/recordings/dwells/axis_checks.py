@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
@@ -18,7 +18,7 @@ _SAME = 0.02
 _ONE_SIZE, _OTHERS = 0.15, 2
 
 
-def require_axes_answer(source: str, dwells: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> None:
+def require_axes_answer(source: str, dwells: Sequence[Floats] | Floats) -> None:
     """Check that all axes respond to gravity when the triad is turned.
 
     An axis along which gravity is always zero does not change either; the other two axes then sense all of gravity, and their
@@ -60,7 +60,7 @@ def require_axes_answer(source: str, dwells: Sequence[NDArray[np.float64]] | NDA
             )
 
 
-def _on_circle(points: NDArray[np.float64]) -> bool:
+def _on_circle(points: Floats) -> bool:
     """Whether points (n, 2) are approximately on a circle, by least squares of |p|² = 2 c p + k after their mean; for points on
     a line, whether they are its two ends."""
     points = points - points.mean(0)

@@ -8,6 +8,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
@@ -114,12 +115,14 @@ def _cells(raw: Raw, *, means_given: bool) -> dict[str, NDArray]:
         if not any(labels) and (name != "position" or not labels):
             continue
         if empty := labels.count(""):
-            raise InputError(f"{source}: column {name}: {empty} empty cells; write the {name} in the row of each sample")
+            raise InputError(
+                f"{source}: column {name}: {empty} empty cells; write the {name} in the row of each sample"
+            )
         columns[name] = np.array(labels)
     return columns | {name: raw.numbers(name) for name in (*_ANGLES, "approach") if name in there}
 
 
-def _times(raw: Raw, dwells: list[NDArray[np.int64]]) -> tuple[float, NDArray[np.float64]]:
+def _times(raw: Raw, dwells: list[Integers]) -> tuple[float, Floats]:
     """Sample rate, Hz, and middle of each dwell, s: from the column of times, otherwise from the comment `# rate_hz: 100`.
 
     **Raises:** `InputError` for times that do not increase, or a missing or invalid rate.
@@ -129,7 +132,8 @@ def _times(raw: Raw, dwells: list[NDArray[np.int64]]) -> tuple[float, NDArray[np
         steps = np.concatenate([np.diff(times[rows]) for rows in dwells])
         if np.min(steps, initial=np.inf) <= 0:
             raise InputError(f"{raw.path}: column time_s must increase from sample to sample within a position")
-        return 1.0 / float(np.median(steps)) if len(steps) else np.nan, np.array([float(np.mean(times[rows])) for rows in dwells])
+        rate_hz = 1.0 / float(np.median(steps)) if len(steps) else np.nan
+        return rate_hz, np.array([float(np.mean(times[rows])) for rows in dwells])
     text = raw.comments.get("rate_hz", "")
     rate, _ = number_in(text)
     if not (np.isfinite(rate) and rate > 0):

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import SETUP, CapturePlan, CaptureSetup
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.losses import SAME_RATE
-from tumblecal.capture.decoding.samples import Status
+from tumblecal.capture.decoding.samples import Floats, Status
 from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, Attempt, RunState, read_journal, replayed, sha256_of
 from tumblecal.capture.log import RecordKind, read_log
 from tumblecal.capture.protocols import protocol
@@ -66,17 +65,21 @@ def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> Dwe
     force, warmth, time_s, dwell_entries, numbers = zip(*decoded, strict=True)
     identity, comments = identity_of(state, attempts, [place.name for place in places])
     degc, thermometer = _temperatures(warmth, attempts)
-    comments = {"captured_in": folder.name} | comments | {
-        "protocol": state.device["protocol"],
-        "operator": state.session.get("operator", ""),
-        "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
-        "gravity_source": plan.site.gravity.source,
-        TIME_ZERO: moment(state.devices[0]["clocks"]["wall_ns"] * 1e-9),
-        TIME_SPEED: f"{speed:g}" if speed != 1 else "",
-        "raw_sha256": sha256_of(raw),
-        SETUP: CaptureSetup.of(plan).text,
-        "temperature_source": thermometer,
-    }
+    comments = (
+        {"captured_in": folder.name}
+        | comments
+        | {
+            "protocol": state.device["protocol"],
+            "operator": state.session.get("operator", ""),
+            "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
+            "gravity_source": plan.site.gravity.source,
+            TIME_ZERO: moment(state.devices[0]["clocks"]["wall_ns"] * 1e-9),
+            TIME_SPEED: f"{speed:g}" if speed != 1 else "",
+            "raw_sha256": sha256_of(raw),
+            SETUP: CaptureSetup.of(plan).text,
+            "temperature_source": thermometer,
+        }
+    )
     dwells = dwell_samples(
         str(folder),
         places,
@@ -123,7 +126,7 @@ def identity_of(
 
 def _decoded(
     raw: Path, name: str, attempt: Attempt, run: tuple[CapturePlan, RunState], rate_hz: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float, dict[str, Any], dict[str, Any]]:
+) -> tuple[Floats, Floats, float, dict[str, Any], dict[str, Any]]:
     """One position: good samples (n, 3) in local g, their temperatures, degC, time of the middle, s, entries of
     reduction.json, and arguments of `check_dwell`.
 
@@ -174,7 +177,7 @@ def _decoded(
     )
 
 
-def _middle_s(host_s: NDArray[np.float64], attempt: Attempt, state: RunState) -> float:
+def _middle_s(host_s: Floats, attempt: Attempt, state: RunState) -> float:
     """Middle of the attempt in s since the session began, by the monotonic clock of its recording.
 
     That clock stops while the machine sleeps: the sleeping time is added, from the clock that continues.
@@ -189,9 +192,7 @@ def _middle_s(host_s: NDArray[np.float64], attempt: Attempt, state: RunState) ->
     return (wall - state.devices[0]["clocks"]["wall_ns"]) * 1e-9
 
 
-def _temperatures(
-    warmth: Sequence[NDArray[np.float64]], attempts: Sequence[Attempt]
-) -> tuple[NDArray[np.float64] | None, str]:
+def _temperatures(warmth: Sequence[Floats], attempts: Sequence[Attempt]) -> tuple[Floats | None, str]:
     """Temperature of each position: mean of the sensor, otherwise of the chamber, otherwise as requested; None if a position
     has none. And the thermometer, "" for that of the sensor."""
     degc, thermometers = list[float | None](), set[str]()

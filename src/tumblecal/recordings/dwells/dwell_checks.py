@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, signal, special
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.ground.axes import AXES
 
 
@@ -50,9 +50,9 @@ class DwellChecks:
 
 
 def check_dwell(
-    force: NDArray[np.float64],
+    force: Floats,
     rate_hz: float,
-    mean_sd: NDArray[np.float64],
+    mean_sd: Floats,
     *,
     saturated: int = 0,
     lost: int = 0,
@@ -96,7 +96,7 @@ def check_dwell(
     return replace(checks, warnings=[*_words(checks, force.std(0)), *filter(None, [rate_fault])])
 
 
-def _words(checks: DwellChecks, sd: NDArray[np.float64]) -> Iterator[str]:
+def _words(checks: DwellChecks, sd: Floats) -> Iterator[str]:
     """The findings in words; `sd` (3): of the samples, g."""
     axis = int(np.argmax(np.abs(checks.trend_t)))
     if checks.warm_up_p < _WARM_UP_P:
@@ -120,7 +120,7 @@ def _words(checks: DwellChecks, sd: NDArray[np.float64]) -> Iterator[str]:
         yield f"lost: {checks.lost} samples{unresolved}"
 
 
-def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
+def _warm_up(times: Floats, blocks: Floats) -> tuple[Floats, float, float]:
     """Amplitude per axis, time constant and probability of a decaying exponential in addition to a straight line."""
     k, duration = len(times), times[-1] + times[0]
     # The components of exponentials orthogonal to straight lines, for time constants as shares of the duration.
@@ -144,7 +144,7 @@ def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[N
     return explained[best] / norm[best], float(shares[best] * duration), p
 
 
-def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
+def _lines(force: Floats, rate_hz: float) -> list[Line]:
     """Peaks of the averaged periodogram above its local median, at a fixed false-alarm probability a dwell."""
     segment = int(2 ** np.clip(np.floor(np.log2(max(len(force) // 6, 8))), 6, 13))
     if len(force) < 4 * segment:

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, names_of
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import PositionSet
@@ -41,11 +41,11 @@ class DwellSamples:
     """
 
     positions: PositionSet
-    force: Sequence[NDArray[np.float64]] = ()
+    force: Sequence[Floats] = ()
     rate_hz: float = np.nan
     recording: str = ""
-    temperatures: Sequence[NDArray[np.float64]] | None = None
-    time_s: NDArray[np.float64] | None = None
+    temperatures: Sequence[Floats] | None = None
+    time_s: Floats | None = None
     counted: Sequence[Mapping[str, Any]] = ()
     entries: Mapping[str, object] = field(default_factory=dict)
     dwell_entries: Sequence[Mapping[str, object]] = ()
@@ -64,12 +64,12 @@ class DwellSamples:
 def dwell_samples(
     source: str,
     places: Sequence[Place],
-    force: Sequence[NDArray[np.float64]],
+    force: Sequence[Floats],
     rate_hz: float,
     comments: Mapping[str, str],
     known: tuple[KnownContext, CapturePlan | None] = (KnownContext(), None),
     *,
-    temperatures: Sequence[NDArray[np.float64]] | None = None,
+    temperatures: Sequence[Floats] | None = None,
     fewest: int = _FEWEST,
     remedy: str = OF_MEANS,
     columns: Mapping[str, Any] | None = None,

@@ -48,6 +48,9 @@ def means_of(path: Path, known: tuple[KnownContext, CapturePlan | None], options
                 f"{path}: row {steps.index(-1) + 1}: not a position of the plan ({steps.count(-1)} such rows); remove them"
             )
         places = [place.at_step(plan, step) for place, step in zip(places, steps, strict=True)]
-    columns = {"temperature_degc": raw.temperature_degc(), "time_s": raw.numbers("time_s") if "time_s" in there else None}
+    columns = {
+        "temperature_degc": raw.temperature_degc(),
+        "time_s": raw.numbers("time_s") if "time_s" in there else None,
+    }
     positions = position_set(str(path), raw.readings, places, comments, known, **columns)
     return DwellSamples(positions, read=(recording,), warnings=((str(path), recording.damage.lines),))

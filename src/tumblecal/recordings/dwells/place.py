@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, names_of
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.recordings.options import KnownContext
@@ -37,7 +37,7 @@ class Place:
         return replace(self, name=str(at.name), approach=at.approach, step=step, **angles)
 
 
-def angles_of(places: Sequence[Place]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def angles_of(places: Sequence[Place]) -> tuple[Floats, Floats]:
     """Alpha and beta of places, deg; NaN if unknown."""
     alpha, beta = ([getattr(place, name) for place in places] for name in ("alpha_deg", "beta_deg"))
     return np.array(alpha, float), np.array(beta, float)
@@ -45,7 +45,7 @@ def angles_of(places: Sequence[Place]) -> tuple[NDArray[np.float64], NDArray[np.
 
 def position_set(
     source: str,
-    readings: NDArray[np.float64],
+    readings: Floats,
     places: Sequence[Place],
     comments: Mapping[str, str],
     known: tuple[KnownContext, CapturePlan | None],

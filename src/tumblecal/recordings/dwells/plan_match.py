@@ -86,9 +86,7 @@ def _centres(readings: Floats) -> list[Floats]:
 
 def _matched(readings: Floats, expected: Floats, tolerance_deg: float, names: tuple[str, ...]) -> PlanMatch:
     angles, same = _angles(readings, expected), _angles(expected, expected) < _SAME_DEG
-    candidates = [
-        np.flatnonzero(same[row.argmin()]).tolist() if row.min() < tolerance_deg else [] for row in angles
-    ]
+    candidates = [np.flatnonzero(same[row.argmin()]).tolist() if row.min() < tolerance_deg else [] for row in angles]
     in_order, any_order = (_assigned(candidates, in_order=in_order) for in_order in (True, False))
     explained = [(int((each >= 0).sum()), len(np.unique(each))) for each in (in_order, any_order)]
     ordered = explained[0] >= explained[1]
@@ -113,9 +111,7 @@ def _angles(a: Floats, b: Floats) -> Floats:
     return np.degrees(np.arccos(np.clip(units[0] @ units[1].T, -1.0, 1.0)))
 
 
-def _without_bias(
-    readings: Floats, expected: Floats, positions: Integers
-) -> Floats | None:
+def _without_bias(readings: Floats, expected: Floats, positions: Integers) -> Floats | None:
     """The readings in the plan's axes, by the affine map from the recognised intervals; None if they do not determine it."""
     known = positions >= 0
     design = np.column_stack([expected[positions[known]], np.ones(int(known.sum()))])

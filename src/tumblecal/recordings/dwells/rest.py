@@ -1,24 +1,23 @@
 """Dwells by the intervals at rest of one or several files: positions of a plan, of the files, or unknown ones."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.column_names import FORCE, RATE
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
 from tumblecal.recordings.dwells.axis_checks import require_axes_answer
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples, stated_comments
 from tumblecal.recordings.dwells.file_places import FilePlaces
 from tumblecal.recordings.dwells.join import Joined
-from tumblecal.recordings.dwells.place import Place, angles_of
-from tumblecal.recordings.dwells.plan_match import matched
+from tumblecal.recordings.dwells.place import Place
+from tumblecal.recordings.dwells.plan_match import PlanMatch, matched
 from tumblecal.recordings.options import Criterion, KnownContext
 from tumblecal.recordings.still.blocks import blocks_of, pieces_of
 from tumblecal.recordings.still.stillness import Stillness, still_intervals
@@ -28,8 +27,6 @@ from tumblecal.recordings.still.stillness import Stillness, still_intervals
 _OTHER_ATTITUDE_DEG = 10.0
 # Directions closer than this are equal for gravity, deg.
 _SAME_DEG = 1.0
-# If readings contradict the angles of their files by more than this (g), after scale, axes and bias, files are exchanged.
-_LARGEST_MISFIT, _FEWEST_FOR_MISFIT = 0.15, 6
 
 
 class NothingStill(InputError):
@@ -56,15 +53,15 @@ def check_still(source: Path, stillness: Stillness, to_g: float) -> None:
     """
     if stillness.used:
         return
-    why = [f"{interval.start_s:.1f} s: {interval.reason}" for interval in stillness.intervals[:3]]
-    if not len(stillness.noise):
-        why = [f"{stillness.blocks.rows} samples are too few to find intervals at rest; for a table of means: --means"]
+    searched, least_s = len(stillness.noise) > 0, stillness.criterion.least_s
+    why = "; ".join(f"{interval.start_s:.1f} s: {interval.reason}" for interval in stillness.intervals[:3])
+    if not searched:
+        why = f"{stillness.blocks.rows} samples are too few to find intervals at rest; for a table of means: --means"
     elif not why:
         noise_mg = float(stillness.noise[:3].max()) * to_g * 1e3
-        why = [f"in no second do the accelerations scatter by less than {noise_mg:.2g} mg, or no rest lasts"]
-    searched = stillness if len(stillness.noise) else None
-    least = f"{stillness.criterion.least_s:g} s (--least-s)"
-    raise NothingStill(f"{source}: no interval at rest of {least} can be used: {'; '.join(why)}", searched)
+        why = f"in no second do the accelerations scatter by less than {noise_mg:.2g} mg, or no rest lasts"
+    fault = f"{source}: no interval at rest of {least_s:g} s (--least-s) can be used: {why}"
+    raise NothingStill(fault, stillness if searched else None)
 
 
 def dwells_at_rest(
@@ -89,31 +86,28 @@ def dwells_at_rest(
     comments = stated_comments(joined.samples, source, plan, hand_held=hand_held)
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(source)))
     check_still(source, stillness, to_g)
-    paths, warnings = [one.path for one in joined.recordings], list[tuple[str, list[str]]]()
-    lines, entries = list[str](), dict[str, object]()
+    edges, paths = joined.edges[1:], [one.path for one in joined.recordings]
+    number = {one.start: int(np.searchsorted(edges, one.start, side="right")) for one in stillness.intervals}
+    lines, entries, warnings = list[str](), dict[str, object](), list[tuple[str, list[str]]]()
     if places is not None:
-        stillness = stillness if hand_held else _one_attitude_each(stillness, joined)
-        for number in sorted({*range(len(paths))} - {*_files_of(stillness, joined)}):
-            words = "no interval at rest, so its position is missing; reduce --least-s, or record it again"
-            warnings.append((str(paths[number]), [words]))
+        stillness = stillness if hand_held else _one_attitude_each(stillness, number, paths)
+        having = {number[one.start] for one in stillness.used}
+        words = "no interval at rest, so its position is missing; reduce --least-s, or record it again"
+        warnings += [(str(path), [words]) for k, path in enumerate(paths) if k not in having]
     if plan is not None and not (hand_held or files_known):
-        stillness, placed, lines, entries["plan"] = _placed_by_plan(source, stillness, plan, to_g)
+        stillness, placed, match = _placed_by_plan(source, stillness, plan, to_g)
+        lines, entries["plan"] = match.words(), match.as_dict()
         if places is not None:
-            files = [paths[k] for k in _files_of(stillness, joined)]
+            files = [paths[number[one.start]] for one in stillness.used]
             _require_separable(plan, placed, files)
             named = dict.fromkeys(f"{file.name} {place.name}" for file, place in zip(files, placed, strict=True))
             lines.append(f"positions by the direction of gravity: {', '.join(named)}")
     elif places is not None:
-        placed = [places.places[k] for k in _files_of(stillness, joined)]
+        placed = [places.places[number[one.start]] for one in stillness.used]
     else:
         placed = [Place(f"p{k + 1}") for k in range(len(stillness.used))]
-    force, temperatures = _samples_at_rest(joined.samples, stillness, to_g)
-    files_of = _files_of(stillness, joined)
-    columns = {
-        "time_s": np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used]),
-        "clock": tuple(str(k + 1) for k in files_of),
-    }
-    dwells = dwell_samples(
+    used, (force, temperatures) = stillness.used, _samples_at_rest(joined.samples, stillness, to_g)
+    return dwell_samples(
         str(source),
         placed,
         force,
@@ -121,22 +115,23 @@ def dwells_at_rest(
         comments,
         known,
         temperatures=temperatures,
-        columns=columns,
+        columns={
+            "time_s": np.array([(one.start_s + one.stop_s) / 2 for one in used]),
+            "clock": tuple(str(number[one.start] + 1) for one in used),
+        },
         recording=joined.identifier,
         entries=entries | {"source": str(source)} | stillness.as_dict(),
+        warnings=tuple(warnings),
         lines=tuple(lines),
         stillness=stillness,
     )
-    if places is not None and not hand_held:
-        warnings += _contradictions(placed, dwells.positions.readings, [str(paths[k]) for k in files_of], places.by)
-    return replace(dwells, warnings=tuple(warnings))
 
 
 def _placed_by_plan(
     source: Path, stillness: Stillness, plan: CapturePlan, to_g: float
-) -> tuple[Stillness, list[Place], list[str], dict[str, object]]:
-    """The intervals without those that are no position of a plan, the positions of the others, lines, and a file's entries."""
-    means = np.array([interval.mean for interval in stillness.used])
+) -> tuple[Stillness, list[Place], PlanMatch]:
+    """The intervals without those that are no position of a plan, and the positions of the others."""
+    means = np.array([one.mean for one in stillness.used])
     require_axes_answer(str(source), to_g * means[:, None])
     match = matched(means, plan)
     if (match.positions < 0).all():
@@ -147,26 +142,23 @@ def _placed_by_plan(
         )
     surplus = "surplus: not a position of the plan, {:.0f} deg from the nearest one"
     reasons = {stillness.used[k].start: surplus.format(match.angle_deg[k]) for k in match.surplus}
-    placed = [Place("").at_step(plan, k) for k in match.positions.tolist() if k >= 0]
-    return stillness.rejecting(reasons), placed, match.words(), match.as_dict()
+    return stillness.rejecting(reasons), [Place("").at_step(plan, k) for k in match.positions.tolist() if k >= 0], match
 
 
-def _files_of(stillness: Stillness, joined: Joined) -> list[int]:
-    """The number of the recording of each used interval."""
-    starts = [interval.start for interval in stillness.used]
-    return (np.searchsorted(joined.edges, starts, side="right") - 1).tolist()
+def _one_attitude_each(stillness: Stillness, number: Mapping[int, int], paths: Sequence[Path]) -> Stillness:
+    """The longest interval of each file, and those with its attitude, since a file has one position.
 
+    **Arguments:**
 
-def _one_attitude_each(stillness: Stillness, joined: Joined) -> Stillness:
-    """The longest interval of each file, and those with its attitude, since a file has one position."""
-    longest, reasons = dict[int, NDArray[np.float64]](), dict[int, str]()
-    of_file = list(zip(stillness.used, _files_of(stillness, joined), strict=True))
-    for interval, number in sorted(of_file, key=lambda one: one[0].start - one[0].stop):
-        unit = interval.mean / np.linalg.norm(interval.mean)
-        angle = np.degrees(np.arccos(np.clip(unit @ longest.setdefault(number, unit), -1, 1)))
+    - `number`: number of the file of an interval, by its first row.
+    """
+    longest, reasons = dict[int, Floats](), dict[int, str]()
+    for one in sorted(stillness.used, key=lambda one: one.start - one.stop):
+        unit, file = one.mean / np.linalg.norm(one.mean), number[one.start]
+        angle = np.degrees(np.arccos(np.clip(unit @ longest.setdefault(file, unit), -1, 1)))
         if angle > _OTHER_ATTITUDE_DEG:
-            name = joined.recordings[number].path.name
-            reasons[interval.start] = f"attitude: {angle:.0f} deg from the longest interval at rest of {name}"
+            name = paths[file].name
+            reasons[one.start] = f"attitude: {angle:.0f} deg from the longest interval at rest of {name}"
     return stillness.rejecting(reasons)
 
 
@@ -187,24 +179,7 @@ def _require_separable(plan: CapturePlan, placed: Sequence[Place], files: Sequen
             )
 
 
-def _contradictions(
-    placed: Sequence[Place], readings: NDArray[np.float64], files: Sequence[str], by: str
-) -> list[tuple[str, list[str]]]:
-    """A warning if scale factors, axes and biases do not explain the readings at the angles of their files."""
-    design = np.column_stack([gravity_in_head(*np.radians(angles_of(placed))), np.ones(len(placed))])
-    if len(placed) < _FEWEST_FOR_MISFIT or np.linalg.cond(design) > 100:
-        return []
-    solution = np.linalg.lstsq(design, readings, rcond=None)[0]
-    misfit = np.linalg.norm(readings - design @ solution, axis=1)
-    if misfit.max() < _LARGEST_MISFIT and np.linalg.det(solution[:3]) > 0:
-        return []
-    words = f"(mirrored, or in error by up to {misfit.max():.2f} g); check whether files are exchanged."
-    return [(files[int(misfit.argmax())], [f"gravity contradicts the positions by {by} {words}"])]
-
-
-def _samples_at_rest(
-    samples: Path, stillness: Stillness, to_g: float
-) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]] | None]:
+def _samples_at_rest(samples: Path, stillness: Stillness, to_g: float) -> tuple[list[Floats], list[Floats] | None]:
     """The accelerations (n, 3) of each used interval, g, without knocks and outliers, and their temperatures."""
     there = scan_parquet(samples, check=False)[0].collect_schema().names()
     columns = [name for name in there if name[:2] in FORCE or name == "temperature_degc"]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.recordings.clock import LONGEST_STEP_S
 
@@ -57,22 +58,22 @@ class SignalBlocks:
     size: int
     rate_hz: float
     rows: int
-    mean: NDArray[np.float64]
-    squares: NDArray[np.float64]
-    ends: NDArray[np.float64]
-    at_ends: NDArray[np.int64]
-    row: NDArray[np.int64]
-    start_s: NDArray[np.float64]
-    cuts: NDArray[np.int64]
-    outliers: NDArray[np.int64]
-    quantum: NDArray[np.float64]
+    mean: Floats
+    squares: Floats
+    ends: Floats
+    at_ends: Integers
+    row: Integers
+    start_s: Floats
+    cuts: Integers
+    outliers: Integers
+    quantum: Floats
     unit: str
 
     def __len__(self) -> int:
         return len(self.mean)
 
     @cached_property
-    def _stretch(self) -> NDArray[np.int64]:
+    def _stretch(self) -> Integers:
         return np.searchsorted(self.cuts, self.row, side="right")
 
     @cached_property
@@ -81,12 +82,12 @@ class SignalBlocks:
         return np.diff(self._stretch, prepend=0) > 0
 
     @cached_property
-    def stop(self) -> NDArray[np.int64]:
+    def stop(self) -> Integers:
         """The row after each block; for the last block before a cut, the row of the cut."""
         return np.minimum(np.append(self.row[1:], self.rows), self.cuts[self._stretch])
 
 
-def pieces_of(path: Path, columns: list[str], rows: int = _PIECE_ROWS) -> Iterator[tuple[int, NDArray[np.float64]]]:
+def pieces_of(path: Path, columns: list[str], rows: int = _PIECE_ROWS) -> Iterator[tuple[int, Floats]]:
     """First row and numbers (n, columns) of each piece of a Parquet table."""
     table, whole, _ = scan_parquet(path, check=False)
     for first in range(0, whole, rows):
@@ -141,7 +142,7 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
     )
 
 
-def _joins(force: NDArray[np.float64], quantum: float, width: int) -> NDArray[np.int64]:
+def _joins(force: Floats, quantum: float, width: int) -> Integers:
     """The rows at which the mean of the accelerations jumps, steady for `width` samples before and after."""
     if len(force) < 2 * width + 1:
         return np.zeros(0, int)
@@ -159,12 +160,12 @@ def _joins(force: NDArray[np.float64], quantum: float, width: int) -> NDArray[np
     return rows[at_once & (moved > _JOIN_SD**2 * np.maximum(variance.sum(1), 1e-300))]
 
 
-def _smallest_steps(signal: NDArray[np.float64]) -> NDArray[np.float64]:
+def _smallest_steps(signal: Floats) -> Floats:
     """The smallest difference between distinct values, by channel; infinite for a single value."""
     return np.array([np.diff(np.unique(column)).min(initial=np.inf) for column in signal[:_SAMPLED_ROWS].T])
 
 
-def _quantum(steps: NDArray[np.float64], readings: NDArray[np.float64]) -> NDArray[np.float64]:
+def _quantum(steps: Floats, readings: Floats) -> Floats:
     """The smallest step of the numbers, by channel: one step for the accelerations, and one for the rates, since one axis may
     have few distinct numbers; 0 if unknown because there are too few."""
     size = np.median(np.linalg.norm(readings[:_SAMPLED_ROWS, :3], axis=1)) if len(readings) else 0.0
@@ -174,7 +175,7 @@ def _quantum(steps: NDArray[np.float64], readings: NDArray[np.float64]) -> NDArr
     return quantum
 
 
-def without_single_outliers(signal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def without_single_outliers(signal: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """The signal (n, channels) with single outliers replaced by the median of three; mask of the rows with one in the first
     three channels."""
     cleaned, alone = signal.copy(), np.zeros(len(signal), bool)

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.ground.axes import AXES
 from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.rough_sensor import sizes_in_g
@@ -26,7 +26,7 @@ class Interval:
     stop: int
     start_s: float
     stop_s: float
-    mean: NDArray[np.float64]
+    mean: Floats
     knocks: tuple[tuple[int, int], ...] = ()
     reason: str = ""
 
@@ -44,9 +44,7 @@ _SHARE_AT_END = 0.5
 _WANDER, _WANDER_SHARE, _FEWEST = 4.0, 0.03, 3
 
 
-def judged(
-    intervals: list[Interval], blocks: SignalBlocks, noise: NDArray[np.float64], half: int
-) -> tuple[list[Interval], bool]:
+def judged(intervals: list[Interval], blocks: SignalBlocks, noise: Floats, half: int) -> tuple[list[Interval], bool]:
     """Intervals with the reasons why some are not used, and whether the attitudes sufficed to check sizes.
 
     **Arguments:**
@@ -70,7 +68,7 @@ def judged(
     return judged, sizes is not None
 
 
-def blocks_of_interval(interval: Interval, blocks: SignalBlocks) -> NDArray[np.int64]:
+def blocks_of_interval(interval: Interval, blocks: SignalBlocks) -> Integers:
     """The blocks in an interval, without its knocks."""
     rows = blocks.row
     inside = (rows >= interval.start) & (rows + blocks.size <= interval.stop)
@@ -79,7 +77,7 @@ def blocks_of_interval(interval: Interval, blocks: SignalBlocks) -> NDArray[np.i
     return np.flatnonzero(inside)
 
 
-def _at_one_number(rows: NDArray[np.int64], blocks: SignalBlocks, noise: NDArray[np.float64]) -> str:
+def _at_one_number(rows: Integers, blocks: SignalBlocks, noise: Floats) -> str:
     """Check for axes where most samples are one number, the largest or smallest in the interval, although their noise exceeds
     the steps of the numbers. At the end of the range they are saturated, otherwise stuck; coarse steps alone are neither."""
     if not len(rows):
@@ -95,9 +93,7 @@ def _at_one_number(rows: NDArray[np.int64], blocks: SignalBlocks, noise: NDArray
     return ""
 
 
-def _wandering(
-    means: list[NDArray[np.float64]], intervals: list[Interval], quantum: NDArray[np.float64], half: int
-) -> list[str]:
+def _wandering(means: list[Floats], intervals: list[Interval], quantum: Floats, half: int) -> list[str]:
     """Check for intervals whose means of half seconds scatter much more than those of the others. A hand that wanders by a
     degree, and a sensor that is heated in one attitude, pass."""
     sds = np.full((len(means), 3), np.nan)

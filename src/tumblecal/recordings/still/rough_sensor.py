@@ -6,6 +6,8 @@ Cheap sensors have offsets of 0.25 to 0.6 g: before these are removed, size and 
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats
+
 
 # Fewest attitudes for the six parameters of an ellipsoid and a test of it; attitudes closer than this (g) are equal.
 _FEWEST, _SAME_G = 9, 0.17
@@ -17,7 +19,7 @@ _NEAR = 0.08
 _LARGEST_BIAS, _LARGEST_RATIO = 0.9, 1.35
 
 
-def sizes_in_g(readings: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArray[np.float64] | None:
+def sizes_in_g(readings: Floats, used: NDArray[np.bool_]) -> Floats | None:
     """Sizes of the readings in g (n,) after rough bias and scale; None if the used ones are too few or too similar to determine
     these.
 
@@ -49,9 +51,9 @@ def sizes_in_g(readings: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArra
     return sizes if np.isfinite(sizes).all() else None
 
 
-def _sizes(solutions: NDArray[np.float64], readings: NDArray[np.float64], zero: NDArray) -> NDArray[np.float64]:
-    """Sizes of readings (n, 3) about the centres of ellipsoids, in their radii (solutions, n); infinite for an ellipsoid that is
-    implausible for a sensor."""
+def _sizes(solutions: Floats, readings: Floats, zero: NDArray) -> Floats:
+    """Sizes of readings (n, 3) about the centres of ellipsoids, in their radii (solutions, n); infinite for an ellipsoid that
+    is implausible for a sensor."""
     square, line = solutions[:, :3], solutions[:, 3:]
     with np.errstate(all="ignore"):
         centre = -line / (2 * square)
@@ -62,9 +64,9 @@ def _sizes(solutions: NDArray[np.float64], readings: NDArray[np.float64], zero: 
     return np.where(plausible[:, None], sizes, np.inf)
 
 
-def _attitudes(readings: NDArray[np.float64]) -> int:
+def _attitudes(readings: Floats) -> int:
     """Approximate number of different attitudes among readings in g."""
-    distinct = list[NDArray[np.float64]]()
+    distinct = list[Floats]()
     for reading in readings:
         if all(np.linalg.norm(reading - other) > _SAME_G for other in distinct):
             distinct.append(reading)

@@ -6,9 +6,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.ground.gravity import STANDARD, unit_in_g
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.still.blocks import SignalBlocks
@@ -18,13 +18,10 @@ from tumblecal.recordings.still.windows import ALLOWANCES, Windows, windows_of
 
 # A knock of up to this many blocks, with the same mean within this many windows on both sides, does not split an interval.
 _KNOCK_BLOCKS, _NEAR_KNOCK = 3, 3
-# A stretch that is never quieter than this many times the standard deviation at rest is a movement, not a rejected interval.
-_RESTLESS = 3.0
 # A jump is at least this many times the median step in the rest of its run, since the tremble of hands differs.
 _STEPS_OF_RUN = 8.0
 _LEAST_FOR_LISTING = 0.3
 _ONE_ATTITUDE_DEG = 10.0
-_CHANNELS = ("axis x", "axis y", "axis z", "the rate of x", "the rate of y", "the rate of z")
 # Parts (first block, block after the last) of an interval; the blocks between them are knocks.
 _Parts = list[tuple[int, int]]
 
@@ -44,8 +41,8 @@ class Stillness:
 
     criterion: Criterion
     intervals: list[Interval]
-    noise: NDArray[np.float64]
-    dof: NDArray[np.float64]
+    noise: Floats
+    dof: Floats
     blocks: SignalBlocks
     joins: int = 0
     size_judged: bool = False
@@ -98,32 +95,18 @@ def still_intervals(blocks: SignalBlocks, criterion: Criterion = Criterion()) ->
     noise = np.exp(windows.limits.base / 2)
     excess = windows.excess(windows.limits) / ALLOWANCES[: len(noise)] ** 2
     excess[~windows.whole] = np.inf
-    still = (excess <= 1).all(1)
-    parts = [part for run in _runs(still, length) for part in _parted(windows.trimmed(run), windows)]
+    first = np.flatnonzero((excess <= 1).all(1))
+    # Runs of blocks in which each two neighbours are in one still window.
+    groups = np.split(first, np.flatnonzero(np.diff(first) >= length) + 1)
+    whole = [(int(group[0]), int(group[-1]) + length) for group in groups if len(group)]
+    parts = [part for run in whole for part in _parted(windows.trimmed(run), windows)]
     runs = _joined(parts, blocks, windows)
     moving = len(blocks) - sum(stop - start for run in runs for start, stop in run) > length
     intervals = [_interval(run, blocks, criterion, moving=moving) for run in runs]
     intervals = [interval for interval in intervals if interval.stop_s - interval.start_s > _LEAST_FOR_LISTING]
     intervals, size_judged = judged(intervals, blocks, noise, length // 2)
     joins = sum(blocks.broken[run[0][0]] or run[0][0] == before[-1][1] for before, run in pairwise(runs))
-    # Stretches that are nearly at rest are listed.
-    for start, stop in _runs(excess.max(1) <= _RESTLESS**2, length):
-        part = excess[start : stop - length + 1]
-        interval = _interval([(start, stop)], blocks, criterion, moving=True)
-        if not (interval.reason or still[start : stop - length + 1].any()):
-            quietest = part[int(np.argmin(part.max(1)))]
-            channel, times = _CHANNELS[int(np.argmax(quietest))], float(np.sqrt(quietest.max()))
-            reason = f"restless: {channel} at {times:.2f} times the limit in its quietest second"
-            intervals.append(replace(interval, reason=reason))
-    intervals = sorted(intervals, key=lambda interval: interval.start)
     return Stillness(criterion, intervals, noise, windows.limits.dof, blocks, int(joins), size_judged)
-
-
-def _runs(still: NDArray[np.bool_], length: int) -> _Parts:
-    """Runs (start, stop) of blocks in which each two neighbours are in one still window."""
-    first = np.flatnonzero(still)
-    groups = np.split(first, np.flatnonzero(np.diff(first) >= length) + 1)
-    return [(int(group[0]), int(group[-1]) + length) for group in groups if len(group)]
 
 
 def _parted(run: tuple[int, int], windows: Windows) -> _Parts:
@@ -173,6 +156,4 @@ def _interval(run: _Parts, blocks: SignalBlocks, criterion: Criterion, *, moving
     knocks = tuple((int(blocks.stop[a[1] - 1]), int(blocks.row[b[0]])) for a, b in pairwise(run))
     short = length_s + 0.5 / blocks.rate_hz < criterion.least_s
     reason = f"short: {max(length_s, 0):.1f} s, {criterion.least_s:g} s are needed" if short else ""
-    return Interval(
-        start + guards[0], stop - guards[1], start_s, start_s + max(length_s, 0.0), mean, knocks, reason
-    )
+    return Interval(start + guards[0], stop - guards[1], start_s, start_s + max(length_s, 0.0), mean, knocks, reason)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.still.blocks import SignalBlocks
 
@@ -35,10 +36,10 @@ class Limits:
     """The noise at rest by channel, and the limits for it: `base`, median logarithm of the variance; `dof`, its degrees of
     freedom; `variance`, largest logarithm of a variance above the base; `offset`, largest step of the mean."""
 
-    base: NDArray[np.float64]
-    dof: NDArray[np.float64]
-    variance: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    base: Floats
+    dof: Floats
+    variance: Floats
+    offset: Floats
 
 
 @dataclass(frozen=True)
@@ -55,14 +56,14 @@ class Windows:
 
     length: int
     samples: int
-    log_variance: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    quantum: NDArray[np.float64]
+    log_variance: Floats
+    offset: Floats
+    quantum: Floats
     whole: NDArray[np.bool_]
     false_alarm: float
     limits: Limits | None = None
 
-    def limits_of(self, rows: slice, weights: NDArray[np.float64]) -> Limits:
+    def limits_of(self, rows: slice, weights: Floats) -> Limits:
         """The limits from some of the windows, with weights (windows of `rows`)."""
         calm, positive = weights > 0, weights[weights > 0]
         log_variance, offset = self.log_variance[rows][calm], self.offset[rows][calm]
@@ -78,11 +79,9 @@ class Windows:
         # The resolution of the difference of two half windows is limited by white noise of that variance.
         resolution = np.exp(base / 2) * 2 / np.sqrt(self.samples)
         size = np.maximum(1.4826 * _quantile(np.abs(offset), positive), resolution)
-        return Limits(
-            base, dof, variance, np.maximum(size * -special.stdtrit(dof, self.false_alarm / 2), self.quantum)
-        )
+        return Limits(base, dof, variance, np.maximum(size * -special.stdtrit(dof, self.false_alarm / 2), self.quantum))
 
-    def excess(self, limits: Limits, rows: slice = slice(None)) -> NDArray[np.float64]:
+    def excess(self, limits: Limits, rows: slice = slice(None)) -> Floats:
         """Excess of windows over limits (windows, channels): squared sizes, 1 at the limit."""
         by_variance = np.exp(self.log_variance[rows] - limits.base - limits.variance)
         return np.maximum(by_variance, (self.offset[rows] / limits.offset) ** 2)
@@ -129,7 +128,7 @@ def _sliding(values: NDArray, length: int) -> NDArray:
     return total[length:] - total[:-length]
 
 
-def _by_run(calm: NDArray[np.bool_], fewest: int, edge: int) -> NDArray[np.float64]:
+def _by_run(calm: NDArray[np.bool_], fewest: int, edge: int) -> Floats:
     """Weights of the calm windows, with equal sums for all runs of at least `fewest`: noise on a table does not show that of a
     hand. At its ends, windows of a run include movement: `edge` windows are excluded if enough remain."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]]).astype(int)))
@@ -141,14 +140,12 @@ def _by_run(calm: NDArray[np.bool_], fewest: int, edge: int) -> NDArray[np.float
     return weights
 
 
-def _quantile(values: NDArray, weights: NDArray[np.float64], share: float = 0.5) -> NDArray[np.float64]:
+def _quantile(values: Floats, weights: Floats, share: float = 0.5) -> Floats:
     """The weighted quantile of each column of values (n, channels)."""
-    order = np.argsort(values, axis=0)
-    total = np.cumsum(weights[order], axis=0)
-    return np.take_along_axis(values, order, 0)[(total >= share * total[-1]).argmax(0), np.arange(values.shape[1])]
+    return np.quantile(values, share, axis=0, weights=weights, method="inverted_cdf")
 
 
-def _inverse_trigamma(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse_trigamma(values: Floats) -> Floats:
     """Newton's method on 1 / trigamma, which is nearly linear (Smyth 2004)."""
     values = np.maximum(values, 1e-8)
     x = 0.5 + 1 / values
