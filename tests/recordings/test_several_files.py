@@ -134,12 +134,12 @@ def test_a_table_gives_positions_run_and_mount(tmp_path, six):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("file,position\nx_p.csv,a\n", "does not list"),
+        ("file,position\nx_p.csv,x_p\n", "column file: no line for d/x_n.csv; write one row"),
         ("file\nx_p.csv\n", "column alpha_deg and beta_deg is missing; write a row for each file"),
         ("alpha_deg\n1\n", "column file and beta_deg is missing"),
         ("file,position\nx_p.csv,a\nx_n,noon\n", "line 2, column position: 'a' is not a position of the plan: x_p"),
         ("file,alpha_deg,beta_deg\nx_p.csv,1,up\nx_n,0,0\n", "line 2, column beta_deg: 'up' is not a number"),
-        ("file,alpha_deg,beta_deg\nx_p.csv,1,0\nx_n,0,0\nx_p,3,4\n", "lines 2 and 4 both fit"),
+        ("file,alpha_deg,beta_deg\nx_p.csv,1,0\nx_n,0,0\nx_p,3,4\n", "line 2, 4 for d/x_p.csv"),
     ],
 )
 def test_faults_of_a_table(content, words, tmp_path, six):
@@ -150,9 +150,7 @@ def test_faults_of_a_table(content, words, tmp_path, six):
 
 def test_files_of_one_name_need_their_folders_in_the_table(tmp_path):
     (tmp_path / "files.csv").write_text("file,position\na.csv,up\n")
-    with pytest.raises(
-        InputError, match=r"line 2 fits 1/a.csv and 2/a.csv; write one row for each file, with its folder"
-    ):
+    with pytest.raises(InputError, match=r"line 2 for 2/a.csv; write one row for each file, with its folder"):
         places_by_table([Path("1/a.csv"), Path("2/a.csv")], tmp_path / "files.csv", None)
     (tmp_path / "files.csv").write_text("file,position\n1/a.csv,up\n.\\2\\a.csv,down\n")
     places = places_by_table([Path("1/a.csv"), Path("2/a.csv")], tmp_path / "files.csv", None)

@@ -86,7 +86,7 @@ def places_by_table(files: Sequence[Path], path: Path, plan: CapturePlan | None)
             "position, or alpha_deg and beta_deg"
         )
     listed = ["/" + text.replace("\\", "/").removeprefix("./") for text in labels_in(table.columns["file"])]
-    labels = {key: labels_in(table.columns[key]) for key in (name, "run", "mount") if key in table.columns}
+    names, runs, mounts = (labels_in(table.columns.get(key, [""] * len(listed))) for key in (name, "run", "mount"))
     steps = {str(step.name): k for k, step in enumerate(plan.steps if plan else ())}
     places, rows = list[Place](), list[int]()
     for file in files:
@@ -94,16 +94,13 @@ def places_by_table(files: Sequence[Path], path: Path, plan: CapturePlan | None)
         ends = [f"/{one.absolute().as_posix()}" for one in (file, file.with_suffix(""))]
         fits = [row for row, text in enumerate(listed) if text != "/" and any(end.endswith(text) for end in ends)]
         if len(fits) != 1 or fits[0] in rows:
-            lines = " and ".join(str(table.lines[row]) for row in fits)
-            fault = f"lines {lines} both fit {file}" if len(fits) > 1 else f"column file does not list {file}"
-            if len(fits) == 1:
-                fault = f"line {lines} fits {files[rows.index(fits[0])]} and {file}"
-            raise InputError(f"{table.source}: {fault}; write one row for each file, with its folder")
+            lines = f"line {', '.join(str(table.lines[row]) for row in fits)}" if fits else "no line"
+            raise InputError(
+                f"{table.source}: column file: {lines} for {file}; write one row for each file, with its folder"
+            )
         row = fits[0]
         rows.append(row)
-        place = Place(file.stem, **{key: labels[key][row] for key in ("run", "mount") if key in labels})
-        if name and labels[name][row]:
-            place = replace(place, name=labels[name][row])
+        place = Place(names[row] or file.stem, run=runs[row], mount=mounts[row])
         if with_angles:
             values = {}
             for column in _ANGLES:

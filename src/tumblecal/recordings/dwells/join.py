@@ -44,7 +44,7 @@ class Joined:
     - `source`: name for faults. `samples`: the table, a Parquet file; with the number of the recording, from 1, in the column
       `time_clock` if there are several.
     - `recordings`: in the order of the table. `order`: their numbers, from 0, in the given order.
-    - `edges`: first row of each in the table, and the number of rows. `bases_s`: their time zero in the table.
+    - `bases_s`: their time zero in the table.
     """
 
     source: Path
@@ -54,16 +54,13 @@ class Joined:
     bases_s: tuple[float, ...] = (0.0,)
 
     @property
-    def edges(self) -> tuple[int, ...]:
-        """First row of each recording in the table, and the number of rows."""
-        return (0, *np.cumsum([one.rows for one in self.recordings]).tolist())
-
-    @property
     def rate_hz(self) -> float | None:
         """The common rate, Hz, by the total time of the samples; None if it is unknown."""
         if len(self.recordings) == 1:
             return self.recordings[0].rate_hz
-        return self.edges[-1] / sum(one.rows / (one.rate_hz or np.inf) for one in self.recordings)
+        return sum(one.rows for one in self.recordings) / sum(
+            one.rows / (one.rate_hz or np.inf) for one in self.recordings
+        )
 
     @property
     def identifier(self) -> str:

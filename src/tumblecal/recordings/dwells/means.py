@@ -36,8 +36,10 @@ def means_of(path: Path, known: tuple[KnownContext, CapturePlan | None], options
     require_axes_answer(str(path), raw.readings[:, None])
     names = [f"p{k + 1}" for k in range(len(raw.readings))]
     names = raw.frame["position"].cast(str).to_list() if "position" in there else names
-    angles = zip(raw.numbers("alpha_deg"), raw.numbers("beta_deg"), strict=True) if with_angles else [()] * len(names)
-    places = [Place(name, *map(float, pair)) for name, pair in zip(names, angles, strict=True)]
+    places = [Place(name) for name in names]
+    if with_angles:
+        angles = (raw.numbers(name).tolist() for name in ("alpha_deg", "beta_deg"))
+        places = [Place(*row) for row in zip(names, *angles, strict=True)]
     if plan is not None:
         steps = matched(raw.readings, plan).positions.tolist()
         if "position" in there:

@@ -1,6 +1,7 @@
 """Assignment of intervals at rest to positions of a plan, by the direction of gravity, in the plan's order or in any order."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class PlanMatch:
         """Intervals that are not positions of the plan."""
         return np.flatnonzero(self.positions < 0).tolist()
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """For a file: positions without an interval, and with several."""
         counts = np.bincount(self.positions[self.positions >= 0], minlength=len(self.names))
         missing, repeated = ([self.names[k] for k in np.flatnonzero(mask)] for mask in (counts == 0, counts > 1))

@@ -86,7 +86,7 @@ def dwells_at_rest(
     comments = stated_comments(joined.samples, source, plan, hand_held=hand_held)
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(source)))
     check_still(source, stillness, to_g)
-    edges, paths = joined.edges[1:], [one.path for one in joined.recordings]
+    edges, paths = np.cumsum([one.rows for one in joined.recordings]), [one.path for one in joined.recordings]
     number = {one.start: int(np.searchsorted(edges, one.start, side="right")) for one in stillness.intervals}
     lines, entries, warnings = list[str](), dict[str, object](), list[tuple[str, list[str]]]()
     if places is not None:

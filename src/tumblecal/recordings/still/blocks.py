@@ -126,20 +126,20 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         cut = signal[at[:, None] + np.arange(size)]
         mean = cut.mean(1)
         deviation = cut - mean[:, None]
-        both = np.concatenate([cut[:, :, :3], -cut[:, :, :3]], axis=2)
-        ends = both.max(1)
+        force = cut[:, :, :3]
+        high, low = force.max(1), force.min(1)
+        at_ends = np.hstack([(force == end[:, None]).sum(1) for end in (high, low)])
         squares = np.einsum("ijk,ijk->ik", deviation, deviation)
-        parts.append((mean, squares, ends, (both == ends[:, None]).sum(1), at + base, time_s[at]))
+        parts.append((mean, squares, np.hstack([high, -low]), at_ends, at + base, time_s[at]))
         cuts.append(inside + base)
         outliers.append(base + np.flatnonzero(alone[:limit]))
         begin = base + int(edges[-2] + (edges[-1] - edges[-2]) // size * size)
         keep = max(begin - base - width, 0)
         waiting, base = table[keep:], base + keep
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    ends_of = [np.unique(np.concatenate(one)) for one in ([*cuts, [rows]], outliers)]
-    return SignalBlocks(
-        size, rate_hz, rows, *columns, *ends_of, _quantum(smallest, columns[0]), channels[0].rpartition("_")[2]
-    )
+    mean, squares, ends, at_ends, row, start_s = (np.concatenate(column) for column in zip(*parts, strict=True))
+    all_cuts, alone = (np.unique(np.concatenate(rows_of)) for rows_of in ([*cuts, [rows]], outliers))
+    quantum, unit = _quantum(smallest, mean), channels[0].rpartition("_")[2]
+    return SignalBlocks(size, rate_hz, rows, mean, squares, ends, at_ends, row, start_s, all_cuts, alone, quantum, unit)
 
 
 def _joins(force: Floats, quantum: float, width: int) -> Integers:
@@ -179,13 +179,12 @@ def without_single_outliers(signal: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """The signal (n, channels) with single outliers replaced by the median of three; mask of the rows with one in the first
     three channels."""
     cleaned, alone = signal.copy(), np.zeros(len(signal), bool)
-    before, centre, after = signal[:-2], signal[1:-1], signal[2:]
-    middle = np.maximum(np.minimum(before, centre), np.minimum(np.maximum(before, centre), after))
-    deviation = np.abs(centre - middle)
-    for column, moved in enumerate(deviation.T):
+    for column, values in enumerate(signal.T):
+        before, centre, after = values[:-2], values[1:-1], values[2:]
+        middle = np.maximum(np.minimum(before, centre), np.minimum(np.maximum(before, centre), after))
+        moved = np.abs(centre - middle)
         if (moved > 0).any():
-            usual = np.quantile(moved[moved > 0][:_SAMPLED_ROWS], 0.25) / _QUARTILE
-            out = moved > _OUTLIER_SD * usual
-            cleaned[1:-1, column][out] = middle[out, column]
+            out = moved > _OUTLIER_SD * np.quantile(moved[moved > 0][:_SAMPLED_ROWS], 0.25) / _QUARTILE
+            cleaned[1:-1, column][out] = middle[out]
             alone[1:-1] |= out & (column < 3)
     return cleaned, alone

@@ -51,7 +51,7 @@ def sizes_in_g(readings: Floats, used: NDArray[np.bool_]) -> Floats | None:
     return sizes if np.isfinite(sizes).all() else None
 
 
-def _sizes(solutions: Floats, readings: Floats, zero: NDArray) -> Floats:
+def _sizes(solutions: NDArray, readings: Floats, zero: NDArray) -> Floats:
     """Sizes of readings (n, 3) about the centres of ellipsoids, in their radii (solutions, n); infinite for an ellipsoid that
     is implausible for a sensor."""
     square, line = solutions[:, :3], solutions[:, 3:]
