@@ -17,7 +17,7 @@ from tumblecal.data.raw import Raw, header_of
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of
-from tumblecal.recordings.dwells.dwell_samples import OF_MEANS, DwellSamples, dwell_samples, stated_comments
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples, stated_comments
 from tumblecal.recordings.dwells.place import Place
 from tumblecal.recordings.options import KnownContext
 
@@ -60,7 +60,6 @@ def dwells_by_columns(raw: Raw, recording: str, *, means_given: bool = False) ->
         rate_hz,
         comments | ({ATTITUDES: UNKNOWN} if means_given else {}),
         temperatures=None if warmth is None else [warmth[rows] for rows in dwells],
-        remedy="" if means_given else OF_MEANS,
         columns={
             "time_s": middle_s if timed or not means_given else None,
             "clock": tuple(clocks[rows[0]].item() for rows in dwells) if len(np.unique(clocks)) > 1 else None,

@@ -23,7 +23,7 @@ from tumblecal.recordings.still.stillness import Stillness
 
 # Fewest samples of a position; positions in a message.
 _FEWEST, _SHOWN = 16, 6
-OF_MEANS = ". A table of means needs no reduction: give it to calibrate"
+_OF_MEANS = ". A table of means needs no reduction: give it to calibrate"
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def dwell_samples(
     *,
     temperatures: Sequence[Floats] | None = None,
     fewest: int = _FEWEST,
-    remedy: str = OF_MEANS,
+    remedy: str = _OF_MEANS,
     columns: Mapping[str, Any] | None = None,
     **evidence: Any,
 ) -> DwellSamples:

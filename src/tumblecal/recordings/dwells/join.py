@@ -124,9 +124,8 @@ def joined(files: Sequence[Path], folder: Path, options: RecordingOptions, by: s
     order = sorted(range(len(files)), key=lambda k: recordings[k].begin_s)
     order = order if _continue([recordings[k] for k in order]) else range(len(files))
     recordings = [recordings[k] for k in order]
-    schemas = [one.frame().collect_schema() for one in recordings]
-    shared = [name for name in schemas[0] if name != "time_s" and all(name in schema for schema in schemas)]
-    schema = pl.Schema({"time_s": pl.Float64(), **{name: schemas[0][name] for name in shared}, TIME_CLOCK: pl.String()})
+    names = [one.frame().collect_schema().names() for one in recordings]
+    shared = [name for name in names[0] if name != "time_s" and all(name in others for others in names)]
     frames, bases_s, base = list[pl.LazyFrame](), list[float](), 0.0
     for one in recordings:
         rate_hz, frame, last_s = one.rate_hz or np.inf, one.frame(), one.last_s
@@ -134,7 +133,7 @@ def joined(files: Sequence[Path], folder: Path, options: RecordingOptions, by: s
             last_s = (one.rows - 1) / rate_hz
             frame = frame.with_columns((pl.int_range(pl.len()).cast(float) / rate_hz).alias("time_s"))
         clock = pl.lit(str(len(frames) + 1)).alias(TIME_CLOCK)
-        frames.append(frame.with_columns(pl.col("time_s") + base, clock).select(list(schema)))
+        frames.append(frame.with_columns(pl.col("time_s") + base, clock).select("time_s", *shared, TIME_CLOCK))
         bases_s.append(base)
         base = max(base, last_s + base) + max(_APART_S, _APART_STEPS / rate_hz)
     comments = [scan_parquet(one.samples, check=False)[2].items() for one in recordings]
@@ -143,7 +142,8 @@ def joined(files: Sequence[Path], folder: Path, options: RecordingOptions, by: s
         for key, value in comments[0]
         if key not in ("imported_from", "rate_hz") and all((key, value) in others for others in comments)
     }
-    write_frames(path, pieces_in_order(pl.concat(frames)), schema, same)
+    table = pl.concat(frames)
+    write_frames(path, pieces_in_order(table), table.collect_schema(), same)
     return Joined(Path(f"{files[0]} and {len(files) - 1} more"), path, tuple(recordings), tuple(order), tuple(bases_s))
 
 

@@ -26,12 +26,14 @@ class PlanMatch:
 
     - `positions`: index in the plan, by interval; -1 for none (surplus). `names`: names of the plan's positions.
     - `angle_deg`: angle to the nearest direction of the plan. `in_order`: whether the intervals are in the plan's order.
+    - `alike`: positions with that direction, by interval; none if it is too far away.
     """
 
     positions: Integers
     angle_deg: Floats
     in_order: bool
     names: tuple[str, ...]
+    alike: list[list[int]]
 
     @property
     def surplus(self) -> list[int]:
@@ -91,7 +93,7 @@ def _matched(readings: Floats, expected: Floats, tolerance_deg: float, names: tu
     in_order, any_order = (_assigned(candidates, in_order=in_order) for in_order in (True, False))
     explained = [(int((each >= 0).sum()), len(np.unique(each))) for each in (in_order, any_order)]
     ordered = explained[0] >= explained[1]
-    return PlanMatch(in_order if ordered else any_order, angles.min(1), ordered, names)
+    return PlanMatch(in_order if ordered else any_order, angles.min(1), ordered, names, candidates)
 
 
 def _assigned(candidates: list[list[int]], *, in_order: bool) -> Integers:

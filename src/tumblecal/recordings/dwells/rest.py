@@ -25,8 +25,6 @@ from tumblecal.recordings.still.stillness import Stillness, still_intervals
 
 # Intervals of a file whose attitude differs by more than this from its longest one are of a different position, deg.
 _OTHER_ATTITUDE_DEG = 10.0
-# Directions closer than this are equal for gravity, deg.
-_SAME_DEG = 1.0
 
 
 class NothingStill(InputError):
@@ -99,7 +97,7 @@ def dwells_at_rest(
         lines, entries["plan"] = match.words(), match.as_dict()
         if places is not None:
             files = [paths[number[one.start]] for one in stillness.used]
-            _require_separable(plan, placed, files)
+            _require_separable(plan, match, files)
             named = dict.fromkeys(f"{file.name} {place.name}" for file, place in zip(files, placed, strict=True))
             lines.append(f"positions by the direction of gravity: {', '.join(named)}")
     elif places is not None:
@@ -162,19 +160,17 @@ def _one_attitude_each(stillness: Stillness, number: Mapping[int, int], paths: S
     return stillness.rejecting(reasons)
 
 
-def _require_separable(plan: CapturePlan, placed: Sequence[Place], files: Sequence[Path]) -> None:
+def _require_separable(plan: CapturePlan, match: PlanMatch, files: Sequence[Path]) -> None:
     """Check that gravity determines the position of each file: all alpha at beta 90 are one direction.
 
     **Raises:** `InputError` for a file that fits several positions.
     """
-    expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
-    for place, file in zip(placed, files, strict=True):
-        same = np.flatnonzero(expected @ expected[place.step or 0] > np.cos(np.radians(_SAME_DEG)))
-        angles = place.alpha_deg, place.beta_deg
-        steps = [plan.steps[k] for k in same]
-        if others := [str(step.name) for step in steps if (step.alpha_deg, step.beta_deg) != angles]:
+    placed = [(k, alike) for k, alike in zip(match.positions.tolist(), match.alike, strict=True) if k >= 0]
+    for (k, alike), file in zip(placed, files, strict=True):
+        angles = [(plan.steps[other].alpha_deg, plan.steps[other].beta_deg) for other in (k, *alike)]
+        if others := [match.names[other] for other, pair in zip(alike, angles[1:], strict=True) if pair != angles[0]]:
             raise InputError(
-                f"{file}: gravity cannot separate position {place.name} of the plan from {', '.join(others[:4])}; name the "
+                f"{file}: gravity cannot separate position {match.names[k]} of the plan from {', '.join(others[:4])}; name the "
                 "files like the positions, or give --table files.csv"
             )
 

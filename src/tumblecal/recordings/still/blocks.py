@@ -87,11 +87,11 @@ class SignalBlocks:
         return np.minimum(np.append(self.row[1:], self.rows), self.cuts[self._stretch])
 
 
-def pieces_of(path: Path, columns: list[str], rows: int = _PIECE_ROWS) -> Iterator[tuple[int, Floats]]:
+def pieces_of(path: Path, columns: list[str]) -> Iterator[tuple[int, Floats]]:
     """First row and numbers (n, columns) of each piece of a Parquet table."""
     table, whole, _ = scan_parquet(path, check=False)
-    for first in range(0, whole, rows):
-        yield first, table.slice(first, rows).select(columns).collect().to_numpy().astype(float)
+    for first in range(0, whole, _PIECE_ROWS):
+        yield first, table.slice(first, _PIECE_ROWS).select(columns).collect().to_numpy().astype(float)
 
 
 def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -> SignalBlocks:

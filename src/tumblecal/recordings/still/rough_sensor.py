@@ -35,9 +35,15 @@ def sizes_in_g(readings: Floats, used: NDArray[np.bool_]) -> Floats | None:
         return None
     middle = np.median(known, axis=0)
     size = float(np.median(np.linalg.norm(known - middle, axis=1)))
-    if not size or _attitudes((known - middle) / size) < _FEWEST:
+    if not size:
         return None
     scaled, zero = (known - middle) / size, -middle / size
+    attitudes = list[Floats]()
+    for reading in scaled:
+        if all(np.linalg.norm(reading - other) > _SAME_G for other in attitudes):
+            attitudes.append(reading)
+    if len(attitudes) < _FEWEST:
+        return None
     design = np.hstack([scaled**2, scaled])
     rng = np.random.default_rng(0)
     sixes = design[np.argsort(rng.random((_SUBSETS, len(known))), axis=1)[:, :6]]
@@ -62,12 +68,3 @@ def _sizes(solutions: NDArray, readings: Floats, zero: NDArray) -> Floats:
         biased = (np.abs(centre - zero) > _LARGEST_BIAS * radii).any(1)
         plausible = (square > 0).all(1) & (radii.max(1) <= _LARGEST_RATIO * radii.min(1)) & ~biased
     return np.where(plausible[:, None], sizes, np.inf)
-
-
-def _attitudes(readings: Floats) -> int:
-    """Approximate number of different attitudes among readings in g."""
-    distinct = list[Floats]()
-    for reading in readings:
-        if all(np.linalg.norm(reading - other) > _SAME_G for other in distinct):
-            distinct.append(reading)
-    return len(distinct)

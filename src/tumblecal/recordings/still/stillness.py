@@ -13,7 +13,7 @@ from tumblecal.ground.gravity import STANDARD, unit_in_g
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.intervals import Interval, judged
-from tumblecal.recordings.still.windows import ALLOWANCES, Windows, windows_of
+from tumblecal.recordings.still.windows import ALLOWANCES, windows_of
 
 
 # A knock of up to this many blocks, with the same mean within this many windows on both sides, does not split an interval.
@@ -94,13 +94,14 @@ def still_intervals(blocks: SignalBlocks, criterion: Criterion = Criterion()) ->
         return Stillness(criterion, [], quietest, 0 * quietest, blocks)
     noise = np.exp(windows.limits.base / 2)
     excess = windows.excess(windows.limits) / ALLOWANCES[: len(noise)] ** 2
-    excess[~windows.whole] = np.inf
     first = np.flatnonzero((excess <= 1).all(1))
     # Runs of blocks in which each two neighbours are in one still window.
     groups = np.split(first, np.flatnonzero(np.diff(first) >= length) + 1)
     whole = [(int(group[0]), int(group[-1]) + length) for group in groups if len(group)]
-    parts = [part for run in whole for part in _parted(windows.trimmed(run), windows)]
-    runs = _joined(parts, blocks, windows)
+    limit = windows.limits.offset[:3]
+    jump = (np.abs(windows.offset[:, :3]) / (ALLOWANCES[:3] * limit)).max(1)
+    parts = [part for run in whole for part in _parted(windows.trimmed(run), jump, length)]
+    runs = _joined(parts, blocks, limit, _NEAR_KNOCK * length)
     moving = len(blocks) - sum(stop - start for run in runs for start, stop in run) > length
     intervals = [_interval(run, blocks, criterion, moving=moving) for run in runs]
     intervals = [interval for interval in intervals if interval.stop_s - interval.start_s > _LEAST_FOR_LISTING]
@@ -109,30 +110,33 @@ def still_intervals(blocks: SignalBlocks, criterion: Criterion = Criterion()) ->
     return Stillness(criterion, intervals, noise, windows.limits.dof, blocks, int(joins), size_judged)
 
 
-def _parted(run: tuple[int, int], windows: Windows) -> _Parts:
-    """Split a run where the step between the halves of a window exceeds the limit: slow drift has no such step."""
-    (start, stop), length = run, windows.length
-    assert windows.limits is not None
-    steps = np.abs(windows.offset[start : max(start, stop - length + 1), :3])
-    jump = (steps / (ALLOWANCES[:3] * windows.limits.offset[:3])).max(1)
+def _parted(run: tuple[int, int], jumps: Floats, length: int) -> _Parts:
+    """Split a run where the step between the halves of a window exceeds the limit: slow drift has no such step.
+
+    **Arguments:**
+
+    - `jumps` (windows): the steps relative to the limit. `length`: of a window, in blocks.
+    """
+    start, stop = run
+    jump = jumps[start : max(start, stop - length + 1)]
     for window in np.flatnonzero((jump > 1) & (jump == ndimage.maximum_filter1d(jump, length, mode="nearest"))):
         elsewhere = np.delete(jump, slice(max(0, window - length), window + length))
         if len(elsewhere) < length or jump[window] >= _STEPS_OF_RUN * np.median(elsewhere):
             at = start + int(window) + length // 2
-            return [(start, at), *_parted((at, stop), windows)]
+            return [(start, at), *_parted((at, stop), jumps, length)]
     return [run]
 
 
-def _joined(parts: _Parts, blocks: SignalBlocks, windows: Windows) -> list[_Parts]:
-    """The parts of each interval: parts that only a knock separates are one."""
-    assert windows.limits is not None
-    joined, width = list[_Parts](), _NEAR_KNOCK * windows.length
+def _joined(parts: _Parts, blocks: SignalBlocks, limit: Floats, width: int) -> list[_Parts]:
+    """The parts of each interval: parts that only a knock separates, with means of `width` blocks that differ by less than the
+    limit (3), are one."""
+    joined = list[_Parts]()
     for start, stop in parts:
         begin, end = joined[-1][-1] if joined else (0, -len(blocks))
         if start - end <= _KNOCK_BLOCKS and not blocks.broken[end : start + 1].any():
             earlier = blocks.mean[max(begin, end - width) : end, :3].mean(0)
             later = blocks.mean[start : min(start + width, stop), :3].mean(0)
-            if (np.abs(later - earlier) < windows.limits.offset[:3]).all():
+            if (np.abs(later - earlier) < limit).all():
                 joined[-1].append((start, stop))
                 continue
         joined.append([(start, stop)])

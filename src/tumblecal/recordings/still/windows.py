@@ -48,9 +48,9 @@ class Windows:
 
     **Arguments:**
 
-    - `log_variance`, `offset` (windows, channels): logarithm of the variance; step between the means of the halves of
-      accelerations, difference of the mean of a rate from its bias.
-    - `quantum` (channels): smallest step of the numbers. `whole` (windows): whether no cut is inside.
+    - `log_variance`, `offset` (windows, channels): logarithm of the variance, infinite if a cut is inside; step between the
+      means of the halves of accelerations, difference of the mean of a rate from its bias.
+    - `quantum` (channels): smallest step of the numbers.
     - `limits`: for rest; None if no run of windows is calm.
     """
 
@@ -59,7 +59,6 @@ class Windows:
     log_variance: Floats
     offset: Floats
     quantum: Floats
-    whole: NDArray[np.bool_]
     false_alarm: float
     limits: Limits | None = None
 
@@ -110,11 +109,10 @@ def windows_of(blocks: SignalBlocks, criterion: Criterion, length: int) -> Windo
     floor = np.maximum(np.maximum(blocks.quantum**2 / 12, finest), 1e-300)
     halves = _sliding(centred, length // 2) / (length // 2)
     offset = halves[length // 2 :] - halves[: -length // 2]
-    whole = _sliding(blocks.broken[1:].astype(int), length - 1) == 0
-    windows = Windows(
-        length, samples, np.log(np.maximum(variance, floor)), offset, blocks.quantum, whole, criterion.false_alarm
-    )
-    calm = whole & (windows.log_variance[:, :3].max(1) < 2 * np.log(max(_CALM * size, blocks.quantum[0])))
+    log_variance = np.log(np.maximum(variance, floor))
+    log_variance[_sliding(blocks.broken[1:].astype(int), length - 1) > 0] = np.inf
+    windows = Windows(length, samples, log_variance, offset, blocks.quantum, criterion.false_alarm)
+    calm = log_variance[:, :3].max(1) < 2 * np.log(max(_CALM * size, blocks.quantum[0]))
     weights = _by_run(calm, int(criterion.least_s * blocks.rate_hz / blocks.size) - length + 1, length // 2)
     if not weights.any():
         return windows
