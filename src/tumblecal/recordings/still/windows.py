@@ -95,7 +95,7 @@ class Windows:
         weights[:edge] = weights[len(weights) - edge :] = 0.0
         excess = self.excess(self.limits_of(rows, weights), rows)[:, :3]
         calm = start + np.flatnonzero((excess <= 1).all(1))
-        return int(calm[0]), int(calm[-1]) + self.length
+        return (int(calm[0]), int(calm[-1]) + self.length) if len(calm) else run
 
 
 def windows_of(blocks: SignalBlocks, criterion: Criterion, length: int) -> Windows:
