@@ -12,7 +12,7 @@ from rich.console import Console
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.guide import Phase
 from tumblecal.capture.run.screen import Screen, line_of, rendered
-from tumblecal.recordings.dwells.captured import identity_comments, identity_of
+from tumblecal.recordings.dwells.captured import identity_of
 
 
 TWO = {"beta_deg": [0], "alpha_deg": [0, 180]}
@@ -79,9 +79,8 @@ def test_an_instrument_of_a_kind_without_serial_numbers_is_confirmed_by_the_oper
     assert [entry["entry"] for entry in fed.state.doubts] == ["identity_not_confirmed", "identity_trusted"]
     assert not fed.state.to_confirm
     attempts, names = [attempt for _, attempt in sorted(fed.state.accepted.items())], ["1", "2"]
-    identity = identity_of(fed.state, attempts, names)
+    identity, comments = identity_of(fed.state, attempts, names)
     assert identity["positions_not_confirmed"] == ["2"]
-    comments = identity_comments(identity)
     assert "serial_number" not in comments and "identity_not_confirmed" in comments
 
 

@@ -111,4 +111,4 @@ def test_bad_sources(tumblecal, tmp_path, means, recorded):
     again = tmp_path / "again.csv"
     again.write_text("".join(means.read_text().splitlines(keepends=True)[:-1]))
     twice = refused("--join", means, again, "--samples", recorded.folder)
-    assert "several positions are named 1" in twice and "give each position a name of its own" in twice
+    assert "no samples of position " in twice and "give each position one name, in both" in twice

@@ -132,7 +132,7 @@ def without(name):
         (without("alpha_deg"), "", "column alpha_deg is missing; write the angles"),
         (without("position"), "# attitudes: unknown\n", "column position is missing; write the name"),
         (without("time_s"), "", "the sample rate is not known; add a column time_s or a comment"),
-        (without("time_s"), "# rate_hz: fast\n", "comment rate_hz: 'fast' is not a sample rate in Hz"),
+        (without("time_s"), "# rate_hz: fast\n", "or a comment `# rate_hz: 100` instead of 'fast'"),
         (lambda told: told.update(time_s=told["time_s"] * 0), "", "column time_s must increase"),
         (lambda told: told.update(position=np.arange(480)), "", r"too few samples at position 0 \(1\), 1 \(1\)"),
         (

@@ -91,10 +91,10 @@ def test_the_document_of_an_import_has_null_for_what_is_unknown(tmp_path):
 def stillness_of(rejected: int, joins: int = 0, noise: float = 1e-3) -> Stillness:
     """Two intervals that are used, and others that are not; readings in steps of 5 mg."""
     count = 40
-    ends, number = np.zeros((2, count, 3)), np.arange(count)
+    ends, number = np.zeros((count, 6)), np.arange(count)
     blocks = SignalBlocks(
-        10, 100.0, 400, np.tile([0, 0, 1.0], (count, 1)), np.zeros((count, 3)), 10 * number, number / 10, number == 20,
-        np.array([200, 400]), np.full(3, 5e-3), np.array([], int), ends, ends.astype(int), "g",
+        10, 100.0, 400, np.tile([0, 0, 1.0], (count, 1)), np.zeros((count, 3)), ends, ends.astype(int), 10 * number,
+        number / 10, np.array([200, 400]), np.array([], int), np.full(3, 5e-3), "g",
     )  # fmt: skip
     one = [Interval(0, 9, 0.0, 0.9, np.array([0, 0, 1.0])), Interval(10, 20, 1.0, 2.0, np.array([0, 1.0, 0]))]
     one += [

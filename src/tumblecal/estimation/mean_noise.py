@@ -21,7 +21,7 @@ from tumblecal.noise import Covariance, Flicker, GaussMarkov, Noise, RandomWalk,
 from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd
 from tumblecal.noise.recorded import RecordedNoise, against_neighbours, recorded_covariance, recordings
-from tumblecal.recordings.dwells.samples_of_means import dwell_s, middles_of, samples_of
+from tumblecal.recordings.dwells.samples_of_means import samples_of
 
 
 if TYPE_CHECKING:
@@ -166,16 +166,20 @@ def sample_noises(samples: "DwellSamples", data: PositionSet) -> list[MeanNoise]
 
     **Raises:** `InputError` if a position has no samples, or if its mean differs from that of the samples.
     """
-    forces, source = samples_of(samples, data), samples.positions.source
+    found, source = samples_of(samples, data), samples.positions.source
+    forces = found.force
     still = np.median([white_sd(force) for force in forces], axis=0) < LEAST_G
     if np.any(still):
         raise InputError(
             f"{source}: axis {', '.join(AXES[axis] for axis in np.flatnonzero(still))}: most positions' samples are "
             "equal, because their resolution is coarser than their noise; the noise cannot be estimated; give --noise-sd"
         )
-    counts, times = np.array([len(force) for force in forces], float), _times(samples, data)
+    counts = np.array([len(force) for force in forces], float)
+    # The times of the means take precedence.
+    timed = data.time_s is not None and np.ptp(data.time_s) > 0
+    times = data.time_s if timed else found.positions.time_s
     # Positions without times: any order of independent dwells.
-    order = np.arange(len(forces)) * dwell_s(samples) if times is None else times
+    order = np.arange(len(forces)) * np.median(counts) / samples.rate_hz if times is None else times
     recorded = RecordedNoise.of(forces, samples.rate_hz, float(np.ptp(order)))
     noises = recorded_noises(
         replace(
@@ -244,12 +248,6 @@ def recorded_noises(data: PositionSet) -> list[MeanNoise]:
 def _diagonal(sd: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "3 positions positions"]:
     """Covariance of independent positions."""
     return np.array([np.diag(variance) for variance in sd.T**2])
-
-
-def _times(samples: "DwellSamples", data: PositionSet) -> np.ndarray | None:
-    if data.time_s is not None and np.ptp(data.time_s) > 0:
-        return np.asarray(data.time_s, float)
-    return middles_of(samples, data)
 
 
 def _by_axis(values: np.ndarray) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
@@ -95,17 +94,21 @@ def dwells_of(
         raise InputError(
             "--static states that the attitudes are unknown, --plan states them; give only one of these options"
         )
-    known = context, None if context.plan is None else read_plan(context.plan)
+    known = context, plan = context, None if context.plan is None else read_plan(context.plan)
     path, usual = files[0], options == RecordingOptions()
     if len(files) > 1 or context.table is not None:
         if context.means:
             raise InputError(
                 f"{path}: --means needs one table with one row for each position, but {len(files)} files are given"
             )
-        places = _places(files, known)
+        if context.table is not None:
+            places = places_by_table(files, context.table, plan)
+        elif context.by:
+            places = replace(places_by_names(files, None, hand_held=True), by="")
+        else:
+            places = places_by_names(files, plan, hand_held=context.static)
         with guessed(places.words()):
-            found = _of_recordings(files, places, known, options, criterion)
-        return replace(found, lines=(*places.words(), *found.lines))
+            return _of_recordings(files, places, known, options, criterion)
     if usual and (path / JOURNAL_NAME).is_file() and context == KnownContext(run=context.run, mount=context.mount):
         from tumblecal.recordings.dwells.captured import captured_dwells  # imports the protocols
 
@@ -125,14 +128,6 @@ def _is_table(path: Path) -> bool:
     return not names or not {"ax_g", "ax_mg", "ax_ms2", "position"}.isdisjoint(names)
 
 
-def _places(files: Sequence[Path], known: tuple[KnownContext, CapturePlan | None]) -> FilePlaces:
-    context, plan = known
-    if context.table is not None:
-        return places_by_table(files, context.table, plan)
-    places = places_by_names(files, None if context.by else plan, hand_held=context.static)
-    return replace(places, by="") if context.by else places
-
-
 def _of_recordings(
     files: Sequence[Path],
     places: FilePlaces | None,
@@ -144,26 +139,25 @@ def _of_recordings(
     context, plan = known
     with scratch_folder(files[0]) as folder:
         table = joined(files, folder, options, context.by)
-        recordings = table.recordings
+        recordings, order = table.recordings, table.order
+        of_files = None if places is None else replace(places, places=tuple(places.places[k] for k in order))
         with guessed(notes_of(recordings)):
             named = {"position", "alpha_deg"} & set(scan_parquet(table.samples, check=False)[0].collect_schema())
-            if context.by or (named and not context.static and plan is None and context.table is None):
+            if context.by or (named and not (context.static or plan or context.table)):
                 found = dwells_by_columns(table_with_plan(table.samples, table.source, known), table.identifier)
             elif plan is None and not context.static and places is None:
                 raise InputError(f"{table.source}: {_QUESTION}")
             else:
-                if places is not None:
-                    places = replace(places, places=tuple(places.places[k] for k in table.order))
-                found = dwells_at_rest(table, places, known, criterion)
-    data, words = table.with_clocks(found.positions)
-    entries = recordings[0].entries
-    if places is not None:
-        parts = zip(recordings, pairwise(table.edges), table.bases_s, places.places, strict=True)
-        listed = [
-            {"file": str(one.path), "position": place.name, "rows": stop - start, "starts_at_s": base} | one.entries
-            for one, (start, stop), base, place in parts
+                found = dwells_at_rest(table, of_files, known, criterion)
+    data, clocks = table.with_clocks(found.positions)
+    entries, lines = recordings[0].entries, found.lines
+    if places is not None and of_files is not None:
+        listed = zip(recordings, table.bases_s, of_files.places, strict=True)
+        rows = [
+            {"file": str(one.path), "position": place.name, "rows": one.rows, "starts_at_s": base} | one.entries
+            for one, base, place in listed
         ]
-        entries = {"files": listed, "clocks": words}
+        entries, lines = {"files": rows, "clocks": clocks}, (*places.words(), *lines)
     return replace(
         found,
         positions=data,
@@ -171,5 +165,5 @@ def _of_recordings(
         entries=entries | dict(found.entries),
         read=recordings,
         warnings=(*((str(one.path), one.damage.lines) for one in recordings), *found.warnings),
-        lines=(*found.lines, *filter(None, [words])),
+        lines=(*lines, *filter(None, [clocks])),
     )

@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.atomic import write_text
@@ -41,7 +41,7 @@ class Reduction:
     checks: Sequence[DwellChecks] = ()
     noise: RecordedNoise | None = None
     within: tuple[WithinDwells, ...] = ()
-    quiet: Sequence[NDArray[np.float64]] = ()
+    quiet: Sequence[Floats] = ()
 
 
 def reduction_of(dwells: DwellSamples) -> Reduction:
@@ -58,11 +58,11 @@ def reduction_of(dwells: DwellSamples) -> Reduction:
     # A change that all dwells share is not noise: it is removed before the noise is estimated.
     quiet, within = without_common_change(dwells.force, rate_hz, dwells.temperatures)
     noise = RecordedNoise.of(quiet, rate_hz, float(np.ptp(time_s)), dwells.recording)
-    sd = sd_of_means(noise, quiet, time_s)
+    sd, text = sd_of_means(noise, quiet, time_s), noise.text()
     numbers = dwells.counted or [{}] * len(quiet)
     checks = [check_dwell(dwell, rate_hz, row, **counts) for dwell, row, counts in zip(quiet, sd, numbers, strict=True)]
-    comments = data.comments | {NOISE_MODEL: noise.text()} | within_dwells_comments(within)
-    data = replace(data, sd=sd, recorded_noise=(noise.text(),) * len(data), comments=comments)
+    comments = data.comments | {NOISE_MODEL: text} | within_dwells_comments(within)
+    data = replace(data, sd=sd, recorded_noise=(text,) * len(data), comments=comments)
     return Reduction(data, dwells, checks, noise, within, quiet)
 
 
@@ -74,6 +74,20 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
     data, dwells, noise = reduction.data, reduction.dwells, reduction.noise
     if noise is None or data.sd is None:
         return paths
+    # Noise coefficients and Allan deviation of each axis.
+    factors = averaging_factors(max(map(len, reduction.quiet)), per_octave=2)
+    calm, reported, axes = ordinary_dwells(list(reduction.quiet)), noise.reported, {}
+    for axis, (letter, coefficients) in enumerate(zip(AXES, reported.coefficients(), strict=True)):
+        allan = overlapping_allan([force[:, axis] for force in calm], dwells.rate_hz, factors)
+        axes[letter] = {
+            "noise": {**coefficients, **quantisation_and_misfit(allan, reported, axis)},
+            "allan": {
+                "tau_s": allan.tau_s.tolist(),
+                "deviation_g": allan.deviation.tolist(),
+                "low_g": allan.low.tolist(),
+                "high_g": allan.high.tolist(),
+            },
+        }
     more = dwells.dwell_entries or [{}] * len(data)
     content = {
         "schema": "tumblecal.reduction/1",
@@ -81,7 +95,7 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
         "noise_model": json.loads(noise.text()),
         "within_dwells": [change.as_dict() | {"words": change.words()} for change in reduction.within],
         **dwells.entries,
-        "axes": _axes(reduction, noise),
+        "axes": axes,
         "positions": [
             {
                 "name": name,
@@ -101,18 +115,3 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
     path = folder / "reduction.json"
     write_text(path, json.dumps(content, indent=1) + "\n")
     return [*paths, path]
-
-
-def _axes(reduction: Reduction, noise: RecordedNoise) -> dict[str, object]:
-    """Noise coefficients and Allan deviation of each axis, for a file."""
-    factors = averaging_factors(max(map(len, reduction.quiet)), per_octave=2)
-    calm, reported = ordinary_dwells(list(reduction.quiet)), noise.reported
-    axes = {}
-    for axis, (letter, coefficients) in enumerate(zip(AXES, reported.coefficients(), strict=True)):
-        allan = overlapping_allan([force[:, axis] for force in calm], reduction.dwells.rate_hz, factors)
-        curve = {"deviation_g": allan.deviation, "low_g": allan.low, "high_g": allan.high}
-        axes[letter] = {
-            "noise": {**coefficients, **quantisation_and_misfit(allan, reported, axis)},
-            "allan": {"tau_s": allan.tau_s.tolist()} | {name: values.tolist() for name, values in curve.items()},
-        }
-    return axes

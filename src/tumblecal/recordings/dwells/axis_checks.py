@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
@@ -18,7 +18,7 @@ _SAME = 0.02
 _ONE_SIZE, _OTHERS = 0.15, 2
 
 
-def require_axes_answer(source: str, dwells: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> None:
+def require_axes_answer(source: str, dwells: Sequence[Floats] | Floats) -> None:
     """Check that all axes respond to gravity when the triad is turned.
 
     An axis along which gravity is always zero does not change either; the other two axes then sense all of gravity, and their
@@ -32,47 +32,43 @@ def require_axes_answer(source: str, dwells: Sequence[NDArray[np.float64]] | NDA
     **Raises:** `InputError` with the axes.
     """
     means = np.array([dwell.mean(0) for dwell in dwells]).reshape(-1, 3)
-    moved = np.ptp(means, axis=0) if len(means) else np.zeros(3)
-    if len(means) < _FEWEST or moved.max() < _TURNED_G:
+    if len(means) < _FEWEST or (moved := np.ptp(means, axis=0)).max() < _TURNED_G:
         return
     noisy = np.median([np.ptp(dwell, axis=0) > 0 for dwell in dwells], axis=0) > 0
-    stuck, constant = list[int](), list[int]()
+    stuck, constant = list[str](), list[str]()
     for axis in np.flatnonzero(moved < _SAME * moved.max()).tolist():
-        others = [other for other in range(3) if other != axis]
+        others = np.delete(np.arange(3), axis)
         if noisy[others].any() and all((dwell[:, axis] == dwells[0][0, axis]).all() for dwell in dwells):
-            stuck.append(axis)
+            stuck.append(AXES[axis])
         elif not _on_circle(means[:, others]):
-            constant.append(axis)
+            constant.append(AXES[axis])
     # If two axes do not change, one of them may be without gravity.
     if dead := stuck or constant:
-        names, do = ", ".join(AXES[axis] for axis in dead), "axis {} does" if len(dead) == 1 else "axes {} do"
+        verb = "axis {} does" if len(dead) == 1 else "axes {} do"
         raise InputError(
-            f"{source}: {do.format(names)} not respond: the same reading in all attitudes ({1e3 * means[0, dead[0]]:.4g} mg in "
-            f"all {len(means)}; others change by up to {moved.max():.3g} g); check the channel and the column"
+            f"{source}: {verb.format(', '.join(dead))} not respond: the same reading in all attitudes "
+            f"({1e3 * means[0, AXES.index(dead[0])]:.4g} mg in all {len(means)}; others change by up to {moved.max():.3g} g); "
+            "check the channel and the column"
         )
     for first, second in combinations(range(3), 2):
-        if not all((dwell[:, first] == dwell[:, second]).all() for dwell in dwells):
-            continue
-        third = 3 - first - second
-        in_plane = np.stack([np.sqrt(2) * means[:, first], means[:, third]], axis=1)
-        if noisy[[first, second]].all() or not _on_circle(in_plane):
+        in_plane = means[:, [first, 3 - first - second]] * [np.sqrt(2), 1]
+        sure = noisy[[first, second]].all() or not _on_circle(in_plane)
+        if sure and all((dwell[:, first] == dwell[:, second]).all() for dwell in dwells):
             raise InputError(
                 f"{source}: axes {AXES[first]} and {AXES[second]} have the same readings in every row: a channel or a column "
                 "was taken twice; give each axis its column"
             )
 
 
-def _on_circle(points: NDArray[np.float64]) -> bool:
+def _on_circle(points: Floats) -> bool:
     """Whether points (n, 2) are approximately on a circle, by least squares of |p|² = 2 c p + k after their mean; for points on
     a line, whether they are its two ends."""
     points = points - points.mean(0)
-    modes, size, _ = np.linalg.svd(points, full_matrices=False)
-    if size[1] < _SAME * size[0]:
-        along = modes[:, 0] * size[0]
-        radii = np.abs(along - (along.max() + along.min()) / 2)
-    else:
+    size = np.linalg.svd(points, compute_uv=False)
+    centre = (points.max(0) + points.min(0)) / 2
+    if size[1] >= _SAME * size[0]:
         design = np.hstack([2 * points, np.ones((len(points), 1))])
-        solution = np.linalg.lstsq(design, (points**2).sum(1), rcond=None)[0]
-        radii = np.linalg.norm(points - solution[:2], axis=1)
+        centre = np.linalg.lstsq(design, (points**2).sum(1), rcond=None)[0][:2]
+    radii = np.linalg.norm(points - centre, axis=1)
     usual = np.median(radii)
     return bool((np.abs(radii - usual) > _ONE_SIZE * usual).sum() < _OTHERS)

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, signal, special
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.ground.axes import AXES
 
 
@@ -18,6 +17,8 @@ _LINE_FALSE_ALARM = 1e-4
 _MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
 # Bins of the periodogram over which its local median is taken.
 _LOCAL = 31
+# Number of samples among which the smallest step is searched.
+_STEPS_OF = 200_000
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,9 @@ class DwellChecks:
 
 
 def check_dwell(
-    force: NDArray[np.float64],
+    force: Floats,
     rate_hz: float,
-    mean_sd: NDArray[np.float64],
+    mean_sd: Floats,
     *,
     saturated: int = 0,
     lost: int = 0,
@@ -66,22 +67,27 @@ def check_dwell(
     - `mean_sd`: standard deviation of the mean per axis from the coloured noise; it sets the limit for a trend.
     - `saturated`, `lost`, `lost_unresolved`: counts from other checks; `rate_fault`: words of another.
     """
-    times, blocks = _block_means(force, rate_hz)
+    # About sixty blocks: their times in s and means (k, 3).
+    count = int(np.clip(len(force) // 8, 4, 60))
+    size = len(force) // count
+    times = np.asarray((np.arange(count) + 0.5) * size / rate_hz, np.float64)
+    blocks = force[: count * size].reshape(count, size, 3).mean(1)
     amplitude, tau, p = _warm_up(times, blocks)
-    slope, t = _trend(times, blocks, mean_sd)
-    centred = force - np.median(force, axis=0)
-    scale = 1.4826 * np.median(np.abs(centred), axis=0)
-    outliers = (np.abs(centred) > _OUTLIER_SD * np.maximum(scale, 1e-12)).sum(0)
-    step = [_smallest_step(force[:, axis]) for axis in range(3)]
+    # The change of a slope over white noise whose mean has standard deviation s has standard deviation sqrt(12) s.
+    slope = np.polyfit(times, blocks, 1)[0]
+    t = slope * (times[-1] + times[0]) / (np.sqrt(12) * np.maximum(mean_sd, 1e-12))
+    deviation = np.abs(force - np.median(force, axis=0))
+    limit = _OUTLIER_SD * np.maximum(1.4826 * np.median(deviation, axis=0), 1e-12)
+    distinct = [np.unique(values[:_STEPS_OF]) for values in force.T]
     checks = DwellChecks(
         amplitude.tolist(),
         tau,
         p,
-        slope.tolist(),
+        (slope * 3600).tolist(),
         t.tolist(),
-        outliers.tolist(),
+        (deviation > limit).sum(0).tolist(),
         _lines(force, rate_hz),
-        step,
+        [float(np.diff(values).min()) if len(values) > 1 else 0.0 for values in distinct],
         saturated,
         lost,
         lost_unresolved,
@@ -90,12 +96,12 @@ def check_dwell(
     return replace(checks, warnings=[*_words(checks, force.std(0)), *filter(None, [rate_fault])])
 
 
-def _words(checks: DwellChecks, sd: NDArray[np.float64]) -> Iterator[str]:
+def _words(checks: DwellChecks, sd: Floats) -> Iterator[str]:
     """The findings in words; `sd` (3): of the samples, g."""
+    axis = int(np.argmax(np.abs(checks.trend_t)))
     if checks.warm_up_p < _WARM_UP_P:
         yield f"warm-up: {np.abs(checks.warm_up_g).max() * 1e6:.0f} ug, time constant {checks.warm_up_time_s:.0f} s"
-    elif np.abs(checks.trend_t).max() > _TREND_T:
-        axis = int(np.argmax(np.abs(checks.trend_t)))
+    elif abs(checks.trend_t[axis]) > _TREND_T:
         slope_ug = checks.trend_g_per_h[axis] * 1e6
         yield f"trend: axis {AXES[axis]} {slope_ug:+.0f} ug/h ({abs(checks.trend_t[axis]):.0f} sd)"
     if max(checks.outliers) > 3:
@@ -114,18 +120,17 @@ def _words(checks: DwellChecks, sd: NDArray[np.float64]) -> Iterator[str]:
         yield f"lost: {checks.lost} samples{unresolved}"
 
 
-def _block_means(force: NDArray[np.float64], rate_hz: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """About sixty blocks: their times in s and means (k, 3)."""
-    count = int(np.clip(len(force) // 8, 4, 60))
-    size = len(force) // count
-    means: NDArray[np.float64] = force[: count * size].reshape(count, size, 3).mean(1)
-    return np.asarray((np.arange(count) + 0.5) * size / rate_hz, np.float64), means
-
-
-def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
+def _warm_up(times: Floats, blocks: Floats) -> tuple[Floats, float, float]:
     """Amplitude per axis, time constant and probability of a decaying exponential in addition to a straight line."""
     k, duration = len(times), times[-1] + times[0]
-    line, rest, decays, shares = _decays(k)
+    # The components of exponentials orthogonal to straight lines, for time constants as shares of the duration.
+    shares = np.geomspace(1 / 30, 1 / 3, 20)
+    relative = (np.arange(k) + 0.5) / k
+    line, _ = np.linalg.qr(np.stack([np.ones(k), relative], axis=1))
+    decays = np.exp(-relative[:, None] / shares)
+    decays = decays - line @ (line.T @ decays)
+    norm = np.linalg.norm(decays, axis=0)
+    decays = decays / norm
     straight = blocks - line @ (line.T @ blocks)
     # An axis that never changes has only rounding residuals, which are not a warm-up.
     rounding = k * (1e-14 * np.abs(blocks).max()) ** 2 + 1e-30
@@ -133,52 +138,24 @@ def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[N
     explained = decays.T @ straight
     residual = ((straight - decays.T[:, :, None] * explained[:, None]) ** 2).sum(1)
     best = int(np.argmin((residual / without).sum(1)))
-    amplitude = explained[best] / rest[best]
-    f = without / (residual[best] + rounding) - 1.0
+    f, dof = without / (residual[best] + rounding) - 1.0, max(k - 4, 1)
     # Twenty time constants were tried on three axes.
-    p = min(1.0, 60 * float(special.fdtrc(1, max(k - 4, 1), np.maximum(f, 0.0) * max(k - 4, 1)).min()))
-    return amplitude, float(shares[best] * duration), p
+    p = min(1.0, 60 * float(special.fdtrc(1, dof, np.maximum(f, 0.0) * dof).min()))
+    return explained[best] / norm[best], float(shares[best] * duration), p
 
 
-@lru_cache
-def _decays(
-    count: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """For this many blocks: an orthonormal basis of straight lines (blocks, 2); the component of the exponentials orthogonal to
-    lines, as norm (constants,) and direction (blocks, constants); their time constants as shares of the duration."""
-    shares = np.geomspace(1 / 30, 1 / 3, 20)
-    times = (np.arange(count) + 0.5) / count
-    line, _ = np.linalg.qr(np.stack([np.ones(count), times], axis=1))
-    decays = np.exp(-times[:, None] / shares)
-    decays = decays - line @ (line.T @ decays)
-    rest = np.linalg.norm(decays, axis=0)
-    return line, rest, decays / rest, shares
-
-
-def _trend(
-    times: NDArray[np.float64], blocks: NDArray[np.float64], mean_sd: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slope in g/h per axis, and the change over the dwell in standard deviations.
-
-    The change of a slope over white noise whose mean has standard deviation s has standard deviation sqrt(12) s.
-    """
-    slope = np.polyfit(times, blocks, 1)[0]
-    return slope * 3600, slope * (times[-1] + times[0]) / (np.sqrt(12) * np.maximum(mean_sd, 1e-12))
-
-
-def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
+def _lines(force: Floats, rate_hz: float) -> list[Line]:
     """Peaks of the averaged periodogram above its local median, at a fixed false-alarm probability a dwell."""
     segment = int(2 ** np.clip(np.floor(np.log2(max(len(force) // 6, 8))), 6, 13))
     if len(force) < 4 * segment:
         return []
-    averages = 2 * len(force) // segment - 1
     # A trend of the whole dwell is removed once; its residual in a segment stays within the bins that are cut.
     straight = signal.detrend(force, axis=0)
     _, density = signal.welch(straight, rate_hz, "hann", segment, detrend=False, axis=0)  # type: ignore[arg-type]
     density, bin_hz = density[3:-1], rate_hz / segment
     floor = ndimage.median_filter(density, (_LOCAL, 1), mode="reflect")
     # Overlapping Hann segments: about 0.55 of them count as independent.
-    dof = max(2.0, 2 * averages * 0.947)
+    dof = max(2.0, 2 * (2 * len(force) // segment - 1) * 0.947)
     limit = special.chdtri(dof, _LINE_FALSE_ALARM / len(density)) / special.chdtri(dof, 0.5)
     lines = []
     for axis, power, below in zip(AXES, density.T, floor.T, strict=True):
@@ -186,21 +163,10 @@ def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
         for k in [k for k in over.tolist() if power[k] == power[max(k - 3, 0) : k + 4].max()][:5]:
             near = slice(max(k - 2, 0), k + 3)
             amplitude = float(np.sqrt(2 * max((power[near] - below[near]).sum() * bin_hz, 0.0)) * 1e6)
-            frequency = (k + 3) * bin_hz
-            lines.append(Line(axis, frequency, amplitude, _mains(frequency, bin_hz, rate_hz)))
+            frequency, cause = (k + 3) * bin_hz, ""
+            for mains in _MAINS_HZ:
+                alias = abs((mains + rate_hz / 2) % rate_hz - rate_hz / 2)
+                if not cause and abs(frequency - alias) < 2 * bin_hz:
+                    cause = f"mains, {mains:g} Hz" + ("" if mains <= rate_hz / 2 else ", aliased")
+            lines.append(Line(axis, frequency, amplitude, cause))
     return lines
-
-
-def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:
-    """Whether a frequency is that of the mains, a harmonic, or an alias of one."""
-    for mains in _MAINS_HZ:
-        alias = abs((mains + rate_hz / 2) % rate_hz - rate_hz / 2)
-        if abs(frequency - alias) < 2 * bin_hz:
-            return f"mains, {mains:g} Hz" + ("" if mains <= rate_hz / 2 else ", aliased")
-    return ""
-
-
-def _smallest_step(values: NDArray[np.float64]) -> float:
-    """The smallest difference between distinct values; 0 if there is only one value."""
-    distinct = np.unique(values[:200000])
-    return float(np.diff(distinct).min()) if len(distinct) > 1 else 0.0

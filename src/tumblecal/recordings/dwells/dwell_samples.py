@@ -6,22 +6,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.capture_plan import CapturePlan, names_of
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity
+from tumblecal.recordings.dwells.place import Place, position_set
+from tumblecal.recordings.options import KnownContext
 from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.still.stillness import Stillness
 
 
 # Fewest samples of a position; positions in a message.
 _FEWEST, _SHOWN = 16, 6
-OF_MEANS = ". A table of means needs no reduction: give it to calibrate"
+_OF_MEANS = ". A table of means needs no reduction: give it to calibrate"
 
 
 @dataclass(frozen=True)
@@ -39,11 +41,11 @@ class DwellSamples:
     """
 
     positions: PositionSet
-    force: Sequence[NDArray[np.float64]] = ()
+    force: Sequence[Floats] = ()
     rate_hz: float = np.nan
     recording: str = ""
-    temperatures: Sequence[NDArray[np.float64]] | None = None
-    time_s: NDArray[np.float64] | None = None
+    temperatures: Sequence[Floats] | None = None
+    time_s: Floats | None = None
     counted: Sequence[Mapping[str, Any]] = ()
     entries: Mapping[str, object] = field(default_factory=dict)
     dwell_entries: Sequence[Mapping[str, object]] = ()
@@ -59,16 +61,41 @@ class DwellSamples:
         return sum(map(len, self.force)) / self.rate_hz if self.force else None
 
 
-def require_samples(source: str, names: Sequence[str], dwells: Sequence[NDArray], remedy: str = OF_MEANS) -> None:
-    """Check that every dwell has enough samples for a mean.
+def dwell_samples(
+    source: str,
+    places: Sequence[Place],
+    force: Sequence[Floats],
+    rate_hz: float,
+    comments: Mapping[str, str],
+    known: tuple[KnownContext, CapturePlan | None] = (KnownContext(), None),
+    *,
+    temperatures: Sequence[Floats] | None = None,
+    fewest: int = _FEWEST,
+    remedy: str = _OF_MEANS,
+    columns: Mapping[str, Any] | None = None,
+    **evidence: Any,
+) -> DwellSamples:
+    """The dwells at these places, with the means of their samples.
+
+    **Arguments:**
+
+    - `source`: name for faults. `force`, `rate_hz`, `temperatures`, `evidence`: as of `DwellSamples`.
+    - `comments`, `known`: as of `position_set`; `columns`: further columns of the positions, instead of those of the samples.
+    - `fewest`: samples of a dwell; `remedy`: if there are fewer.
 
     **Raises:** `InputError` with the dwells that have too few samples.
     """
-    few = [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < _FEWEST]
-    if few:
+    names = names_of([place.name for place in places])
+    if few := [f"{name} ({len(rows)})" for name, rows in zip(names, force, strict=True) if len(rows) < fewest]:
         raise InputError(
-            f"{source}: too few samples at position {shortened(few, _SHOWN)}; {_FEWEST} are needed at each{remedy}"
+            f"{source}: too few samples at position {shortened(few, _SHOWN)}; {fewest} are needed at each{remedy}"
         )
+    readings, degc = np.array([dwell.mean(0) for dwell in force]), None
+    if finite := [part[np.isfinite(part)] for part in temperatures or ()]:
+        degc = np.array([part.mean() for part in finite]) if all(map(len, finite)) else None
+    of_samples = {"temperature_degc": degc, "n": np.array([len(dwell) for dwell in force], float)}
+    positions = position_set(source, readings, places, comments, known, **of_samples | dict(columns or {}))
+    return DwellSamples(positions, force, rate_hz, temperatures=temperatures, **evidence)
 
 
 def stated_comments(samples: Path, source: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:

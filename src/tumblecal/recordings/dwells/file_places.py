@@ -9,7 +9,6 @@ import numpy as np
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.files import csv_table
-from tumblecal.data.table import Table
 from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
@@ -40,18 +39,11 @@ class FilePlaces:
         if not self.by:
             return []
         some = any(place.known for place in self.places)
-        rows = [
-            (str(file), place.name if place.known or not some else "?", *_angle_words(place))
-            for file, place in zip(self.files, self.places, strict=True)
-        ]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        first = f"positions of {len(rows)} files, by {self.by}; --table files.csv overrides this:"
-        return [first, *("  " + line for line in lines)]
-
-
-def _angle_words(place: Place) -> tuple[str, str]:
-    return (f"alpha {place.alpha_deg:g}", f"beta {place.beta_deg:g}") if place.known else ("", "")
+        lines = [f"positions of {len(self.files)} files, by {self.by}; --table files.csv overrides this:"]
+        for file, place in zip(self.files, self.places, strict=True):
+            angles = f"  alpha {place.alpha_deg:g}  beta {place.beta_deg:g}" if place.known else ""
+            lines.append(f"  {file}  {'?' if some and not angles else place.name}{angles}")
+        return lines
 
 
 def places_by_names(files: Sequence[Path], plan: CapturePlan | None, *, hand_held: bool) -> FilePlaces:
@@ -60,20 +52,17 @@ def places_by_names(files: Sequence[Path], plan: CapturePlan | None, *, hand_hel
 
     **Raises:** `InputError` if only some files have the name of a position, with all places as its notes.
     """
-    unknown = FilePlaces(tuple(files), tuple(Place(stem) for stem in stems_of(files)), "their names, attitudes unknown")
+    unknown = FilePlaces(tuple(files), tuple(map(Place, stems_of(files))), "their names, attitudes unknown")
     if plan is None or hand_held:
         return unknown
     steps = {str(step.name).casefold(): k for k, step in enumerate(plan.steps)}
-    found = [steps.get(file.stem.casefold()) for file in files]
-    lacking = [file.name for file, step in zip(files, found, strict=True) if step is None]
-    if len(lacking) == len(files):
-        by = "the direction of gravity, as no file has the name of a position of the plan"
-        return replace(unknown, by=by)
-    placed = tuple(
-        place if step is None else place.at_step(plan, step) for place, step in zip(unknown.places, found, strict=True)
-    )
-    places = replace(unknown, places=placed, by="the plan's names")
-    if lacking:
+    found = [steps.get(file.stem.casefold(), -1) for file in files]
+    if max(found) < 0:
+        return replace(unknown, by="the direction of gravity, as no file has the name of a position of the plan")
+    placed = (Place("?") if step < 0 else Place("").at_step(plan, step) for step in found)
+    places = FilePlaces(tuple(files), tuple(placed), "the plan's names")
+    if not places.known:
+        lacking = [file.name for file, step in zip(files, found, strict=True) if step < 0]
         fault = InputError(
             f"{shortened(lacking, _MOST)}: not the name of a position of the plan; rename or remove, or {_OPTION}"
         )
@@ -90,54 +79,40 @@ def places_by_table(files: Sequence[Path], path: Path, plan: CapturePlan | None)
     """
     table = csv_table(path).with_points()
     name = next((name for name in ("position", "name") if name in table.columns), "")
-    angles = [angle for angle in _ANGLES if angle in table.columns]
-    lacking = [] if "file" in table.columns else ["file"]
-    if not angles and not name:
-        lacking.append("position, or alpha_deg and beta_deg")
-    elif len(angles) == 1:
-        lacking += [angle for angle in _ANGLES if angle not in angles]
-    if lacking:
-        raise InputError(f"{path}: column {' and '.join(lacking)} is missing; write a row for each file")
-    rows = [_row_of(table, file) for file in files]
-    for k, row in enumerate(rows):
-        if rows.index(row) < k:
+    with_angles = not name or any(angle in table.columns for angle in _ANGLES)
+    if lacking := [one for one in ("file", *_ANGLES[: 2 * with_angles]) if one not in table.columns]:
+        raise InputError(
+            f"{path}: column {' and '.join(lacking)} is missing; write a row for each file, with the columns file and "
+            "position, or alpha_deg and beta_deg"
+        )
+    listed = ["/" + text.replace("\\", "/").removeprefix("./") for text in labels_in(table.columns["file"])]
+    names, runs, mounts = (labels_in(table.columns.get(key, [""] * len(listed))) for key in (name, "run", "mount"))
+    steps = {str(step.name): k for k, step in enumerate(plan.steps if plan else ())}
+    places, rows = list[Place](), list[int]()
+    for file in files:
+        # A row has the end of a path, with or without the suffix of the format.
+        ends = [f"/{one.absolute().as_posix()}" for one in (file, file.with_suffix(""))]
+        fits = [row for row, text in enumerate(listed) if text != "/" and any(end.endswith(text) for end in ends)]
+        if len(fits) != 1 or fits[0] in rows:
+            lines = f"line {', '.join(str(table.lines[row]) for row in fits)}" if fits else "no line"
             raise InputError(
-                f"{path}: one row fits {files[rows.index(row)]} and a second file; write one row for each, with its folder"
+                f"{table.source}: column file: {lines} for {file}; write one row for each file, with its folder"
             )
-    places = tuple(_at_row(table, row, file, name, plan) for row, file in zip(rows, files, strict=True))
-    return FilePlaces(tuple(files), places, f"the table {path}")
-
-
-def _row_of(table: Table, file: Path) -> int:
-    """The row of a file: the longest listed end of its path, with or without the suffix of the format."""
-    listed = [Path(text.replace("\\", "/")).parts for text in labels_in(table.columns["file"])]
-    listed = [tuple(part for part in parts if part != ".") for parts in listed]
-    ends = [(*file.absolute().parts[:-1], name) for name in (file.name, file.stem)]
-    rows = [row for row, parts in enumerate(listed) if parts and any(end[-len(parts) :] == parts for end in ends)]
-    most = max((len(listed[row]) for row in rows), default=0)
-    rows = [row for row in rows if len(listed[row]) == most]
-    if not rows:
-        raise InputError(f"{table.source}: column file does not list {file}; add its row, or remove the file")
-    if len(rows) > 1:
-        lines = " and ".join(str(table.lines[row]) for row in rows)
-        raise InputError(f"{table.source}: lines {lines} both fit {file}; keep one")
-    return rows[0]
-
-
-def _at_row(table: Table, row: int, file: Path, name: str, plan: CapturePlan | None) -> Place:
-    labels = {key: labels_in(table.columns[key])[row] for key in (name, "run", "mount") if key in table.columns}
-    place = Place(labels.get(name) or file.stem, run=labels.get("run", ""), mount=labels.get("mount", ""))
-    if _ANGLES[0] in table.columns:
-        values = {}
-        for column in _ANGLES:
-            values[column], wrong = number_in(table.columns[column][row], column)
-            if not np.isfinite(values[column]):
-                raise InputError(f"{table.place(row, column)}: {wrong}")
-        return replace(place, **values)
-    if plan is None:
-        return place
-    steps = [k for k, step in enumerate(plan.steps) if str(step.name) == place.name]
-    if not steps:
-        there = ", ".join(str(step.name) for step in plan.steps[:8])
-        raise InputError(f"{table.place(row, name)}: {shown(place.name)} is not a position of the plan: {there} ...")
-    return place.at_step(plan, steps[0])
+        row = fits[0]
+        rows.append(row)
+        place = Place(names[row] or file.stem, run=runs[row], mount=mounts[row])
+        if with_angles:
+            values = {}
+            for column in _ANGLES:
+                values[column], wrong = number_in(table.columns[column][row], column)
+                if not np.isfinite(values[column]):
+                    raise InputError(f"{table.place(row, column)}: {wrong}")
+            place = replace(place, **values)
+        elif plan is not None and place.name in steps:
+            place = place.at_step(plan, steps[place.name])
+        elif plan is not None:
+            raise InputError(
+                f"{table.place(row, name)}: {shown(place.name)} is not a position of the plan: {', '.join([*steps][:8])} ..."
+            )
+        places.append(place)
+    return FilePlaces(tuple(files), tuple(places), f"the table {path}")

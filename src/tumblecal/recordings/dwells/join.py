@@ -1,7 +1,7 @@
 """The samples of one or several files as one table, in the order of their clocks if these are comparable."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,21 +12,29 @@ from tumblecal.capture.decoding.sample_table import write_frames
 from tumblecal.capture.journal import sha256_of
 from tumblecal.data.column_names import FORCE
 from tumblecal.data.joined_clocks import TIME_ZERO
-from tumblecal.data.parquet import PIECE_ROWS, scan_parquet
+from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.columns import COLUMNS_OPTION, Layout
+from tumblecal.recordings.columns import COLUMNS_OPTION
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.reading import read_recording
 from tumblecal.recordings.recording import Recording
+from tumblecal.recordings.still.blocks import SLOW_STEPS
 
 
-# Step of the table's time between files, s: a gap, so that no interval extends across it.
-_APART_S = 1.0
+# Step of the table's time between files, s, and in steps of a slow log: a gap, so that no interval extends across it.
+_APART_S, _APART_STEPS = 1.0, SLOW_STEPS + 1
 _LARGEST_RATE_RATIO = 1.2
-_SAME_IN_ALL = ("serial_number", "gravity_ms2")
+_ONE_SENSOR = "reduce the files of one sensor and place"
+_REMEDIES = {
+    "unit": "the files of one recording have one unit: state that of all with --unit, or convert the file",
+    "times": "give it by --columns time=...",
+    "serial_number": _ONE_SENSOR,
+    "gravity_ms2": _ONE_SENSOR,
+    "columns": f"say which they are: {COLUMNS_OPTION}",
+}
 
 
 @dataclass(frozen=True)
@@ -36,23 +44,23 @@ class Joined:
     - `source`: name for faults. `samples`: the table, a Parquet file; with the number of the recording, from 1, in the column
       `time_clock` if there are several.
     - `recordings`: in the order of the table. `order`: their numbers, from 0, in the given order.
-    - `edges`: first row of each in the table, and the number of rows. `bases_s`: their time zero in the table.
+    - `bases_s`: their time zero in the table.
     """
 
     source: Path
     samples: Path
     recordings: tuple[Recording, ...]
-    order: tuple[int, ...]
-    edges: tuple[int, ...]
+    order: tuple[int, ...] = (0,)
     bases_s: tuple[float, ...] = (0.0,)
 
     @property
     def rate_hz(self) -> float | None:
         """The common rate, Hz, by the total time of the samples; None if it is unknown."""
-        rates = [one.rate_hz for one in self.recordings]
-        if len(rates) == 1:
-            return rates[0]
-        return self.edges[-1] / sum(map(self.length_s, range(len(rates))))
+        if len(self.recordings) == 1:
+            return self.recordings[0].rate_hz
+        return sum(one.rows for one in self.recordings) / sum(
+            one.rows / (one.rate_hz or np.inf) for one in self.recordings
+        )
 
     @property
     def identifier(self) -> str:
@@ -61,10 +69,6 @@ class Joined:
         if len(parts) > 1:
             return hashlib.sha256("".join(parts).encode()).hexdigest()[:16]
         return parts[0][:16] if self.recordings[0].path.is_file() else parts[0]
-
-    def length_s(self, number: int) -> float:
-        """Length of a recording without its gaps, s; 0 if its rate is unknown."""
-        return (self.edges[number + 1] - self.edges[number]) / (self.recordings[number].rate_hz or np.inf)
 
     def with_clocks(self, data: PositionSet) -> tuple[PositionSet, str]:
         """Positions with their times by one clock for all files, if there is one; and the relation of the clocks, in words.
@@ -76,22 +80,19 @@ class Joined:
 
         - `data`: `clock` is the number of each row's file, `time_s` by the one table.
         """
-        first = self.recordings[0]
+        first, comments = self.recordings[0], self.recordings[0].clock_comments
         if len(self.recordings) == 1:
-            return replace(data, clock=None, comments=dict(data.comments) | first.clock_comments), ""
-        if data.clock is None:
+            return replace(data, clock=None, comments=dict(data.comments) | comments), ""
+        if data.clock is None or data.time_s is None:
             return data, ""
         if not _continue(self.recordings):
             words = "the pauses between the files are unknown, because their clocks restart: drift is not tested across them"
             timed = len(set(data.clock)) < len(data)
             return (data if timed else replace(data, time_s=None, clock=None)), words
         shift = np.array([one.begin_s - first.begin_s for one in self.recordings]) - self.bases_s
-        assert data.time_s is not None
         time_s = data.time_s + shift[[int(number) - 1 for number in data.clock]]
-        comments = first.clock_comments
-        words = (
-            f"one clock for all files: their {'dates' if TIME_ZERO in comments else 'times'} continue from file to file"
-        )
+        dates = "dates" if TIME_ZERO in comments else "times"
+        words = f"one clock for all files: their {dates} continue from file to file"
         return replace(data, time_s=time_s, clock=None, comments=dict(data.comments) | comments), words
 
 
@@ -109,7 +110,7 @@ def joined(files: Sequence[Path], folder: Path, options: RecordingOptions, by: s
     path = folder / "samples.parquet"
     if len(files) == 1:
         recording = read_recording(files[0], path, options, by=by, in_g=True)
-        return Joined(recording.path, path, (recording,), (0,), (0, recording.rows))
+        return Joined(recording.path, path, (recording,))
     recordings, faults = list[Recording](), list[str]()
     for number, file in enumerate(files):
         try:
@@ -123,20 +124,27 @@ def joined(files: Sequence[Path], folder: Path, options: RecordingOptions, by: s
     order = sorted(range(len(files)), key=lambda k: recordings[k].begin_s)
     order = order if _continue([recordings[k] for k in order]) else range(len(files))
     recordings = [recordings[k] for k in order]
-    schemas = [one.frame().collect_schema() for one in recordings]
-    shared = [name for name in schemas[0] if name != "time_s" and all(name in schema for schema in schemas)]
-    schema = pl.Schema({"time_s": pl.Float64(), **{name: schemas[0][name] for name in shared}, TIME_CLOCK: pl.String()})
-    comments = [scan_parquet(one.samples, check=False)[2] for one in recordings]
+    names = [one.frame().collect_schema().names() for one in recordings]
+    shared = [name for name in names[0] if name != "time_s" and all(name in others for others in names)]
+    frames, bases_s, base = list[pl.LazyFrame](), list[float](), 0.0
+    for one in recordings:
+        rate_hz, frame, last_s = one.rate_hz or np.inf, one.frame(), one.last_s
+        if not np.isfinite(last_s):
+            last_s = (one.rows - 1) / rate_hz
+            frame = frame.with_columns((pl.int_range(pl.len()).cast(float) / rate_hz).alias("time_s"))
+        clock = pl.lit(str(len(frames) + 1)).alias(TIME_CLOCK)
+        frames.append(frame.with_columns(pl.col("time_s") + base, clock).select("time_s", *shared, TIME_CLOCK))
+        bases_s.append(base)
+        base = max(base, last_s + base) + max(_APART_S, _APART_STEPS / rate_hz)
+    comments = [scan_parquet(one.samples, check=False)[2].items() for one in recordings]
     same = {
         key: value
-        for key, value in comments[0].items()
-        if key not in ("imported_from", "rate_hz") and all(others.get(key) == value for others in comments)
+        for key, value in comments[0]
+        if key not in ("imported_from", "rate_hz") and all((key, value) in others for others in comments)
     }
-    bases_s: list[float] = []
-    write_frames(path, _frames(recordings, list(schema), bases_s), schema, same)
-    edges = (0, *np.cumsum([one.rows for one in recordings]).tolist())
-    source = Path(f"{files[0]} and {len(files) - 1} more")
-    return Joined(source, path, tuple(recordings), tuple(order), edges, tuple(bases_s))
+    table = pl.concat(frames)
+    write_frames(path, pieces_in_order(table), table.collect_schema(), same)
+    return Joined(Path(f"{files[0]} and {len(files) - 1} more"), path, tuple(recordings), tuple(order), tuple(bases_s))
 
 
 def _continue(recordings: Sequence[Recording]) -> bool:
@@ -146,55 +154,29 @@ def _continue(recordings: Sequence[Recording]) -> bool:
     return len(dated) == 1 and bool(np.isfinite(begins).all() and (begins[1:] > begins[:-1] + lasts[:-1]).all())
 
 
-def _frames(recordings: Sequence[Recording], columns: list[str], bases_s: list[float]) -> Iterator[pl.DataFrame]:
-    base = 0.0
-    for number, one in enumerate(recordings, start=1):
-        bases_s.append(base)
-        last = base
-        for first in range(0, one.rows, PIECE_ROWS):
-            frame = one.frame().slice(first, PIECE_ROWS).collect()
-            if "time_s" not in frame.columns:
-                row = pl.int_range(pl.len()) + first
-                frame = frame.with_columns(row.cast(float).alias("time_s") / one.rate_hz)
-            frame = frame.with_columns(pl.col("time_s") + base, pl.lit(str(number)).alias(TIME_CLOCK))
-            last = max([last, *frame["time_s"].tail(1)])
-            yield frame.select(columns)
-        base = last + _APART_S
-
-
 def _require_one_recording(recordings: Sequence[Recording]) -> None:
     """Check that the files can be of one recording of one sensor.
 
     **Raises:** `InputError` with the first file that differs, and the difference.
     """
-    first, usual = recordings[0], recordings[0].layout
-    for other in recordings:
-        layout = other.layout
-        if (layout.unit, layout.per_g) != (usual.unit, usual.per_g):
-            raise InputError(
-                f"{other.path}: accelerations in {_unit_words(layout)}, but in {first.path} in {_unit_words(usual)}; the files "
-                "of one recording have one unit: state that of all with --unit, or convert the file"
-            )
-        if ("time" in layout.columns) != ("time" in usual.columns):
-            lacking, having = (first, other) if "time" in layout.columns else (other, first)
-            raise InputError(
-                f"{lacking.path}: no column of times, but {having.path} has one; give it by --columns time=..."
-            )
-        if other.rate_hz is None:
-            raise InputError(f"{other.path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
-        names = [[each.columns[role].name for role in FORCE] for each in (layout, usual)]
-        if other.table.columns == first.table.columns and names[0] != names[1]:
-            raise InputError(
-                f"{other.path}: accelerations in the columns {', '.join(names[0])}, but in {first.path} in "
-                f"{', '.join(names[1])}; say which they are: {COLUMNS_OPTION}"
-            )
-    for key in _SAME_IN_ALL:
-        stated = {one.comments[key]: one.path for one in recordings if key in one.comments}
-        if len(stated) > 1:
-            values = ", ".join(f"{value} in {path}" for value, path in list(stated.items())[:3])
-            raise InputError(
-                f"{key} is not the same in these files: {values}; reduce the files of one sensor and place"
-            )
+    stated: dict[str, tuple[str, Path]] = {}
+    for one in recordings:
+        layout, columns = one.layout, one.layout.columns
+        counts = f" ({layout.per_g:g} counts a g)" if layout.per_g else ""
+        facts = {
+            "unit": f"accelerations in {layout.unit.replace('ms2', 'm/s^2')}{counts}",
+            "times": f"{'a' if 'time' in columns else 'no'} column of times",
+        }
+        facts |= {key: f"{key} {one.comments[key]}" for key in ("serial_number", "gravity_ms2") if key in one.comments}
+        # Files with different headers may name the columns of one sensor differently.
+        if one.table.columns == recordings[0].table.columns:
+            facts["columns"] = f"accelerations in the columns {', '.join(columns[role].name for role in FORCE)}"
+        for key, fact in facts.items():
+            usual, path = stated.setdefault(key, (fact, one.path))
+            if fact != usual:
+                raise InputError(f"{one.path}: {fact}, but in {path}: {usual}; {_REMEDIES[key]}")
+        if one.rate_hz is None:
+            raise InputError(f"{one.path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
     rates = {one.rate_hz or 0.0: one.path for one in recordings}
     low, high = min(rates), max(rates)
     if high > _LARGEST_RATE_RATIO * low:
@@ -202,8 +184,3 @@ def _require_one_recording(recordings: Sequence[Recording]) -> None:
             f"{rates[high]}: {high:.4g} samples a second, but {rates[low]} has {low:.4g}; the files of one recording have one "
             "rate: reduce them separately, and diagnose with --join"
         )
-
-
-def _unit_words(layout: Layout) -> str:
-    per_g = f" ({layout.per_g:g} counts a g)" if layout.per_g else ""
-    return f"{layout.unit.replace('ms2', 'm/s^2')}{per_g}"

@@ -1,6 +1,5 @@
 """Positions of a table with one mean in each row."""
 
-from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan
@@ -30,29 +29,30 @@ def means_of(path: Path, known: tuple[KnownContext, CapturePlan | None], options
         samples = folder / "means.parquet"
         recording = read_recording(path, samples, options, by=context.by, in_g=True, means=True)
         raw = read_raw(samples, path)
-        with_angles = {"alpha_deg", "beta_deg"} <= set(raw.frame.columns)
+        there = set(raw.frame.columns)
+        with_angles = plan is None and {"alpha_deg", "beta_deg"} <= there
         comments = stated_comments(samples, path, plan, hand_held=plan is None and not with_angles)
     raw = raw.in_g_of(stated_gravity(comments, str(path))) if raw.in_ms2 else raw
     require_axes_answer(str(path), raw.readings[:, None])
-    rows = len(raw.readings)
-    named = raw.frame["position"].cast(str).to_list() if "position" in raw.frame.columns else None
-    places = [Place(name) for name in named or (f"p{k + 1}" for k in range(rows))]
+    names = [f"p{k + 1}" for k in range(len(raw.readings))]
+    names = raw.frame["position"].cast(str).to_list() if "position" in there else names
+    places = [Place(name) for name in names]
+    if with_angles:
+        angles = (raw.numbers(name).tolist() for name in ("alpha_deg", "beta_deg"))
+        places = [Place(*row) for row in zip(names, *angles, strict=True)]
     if plan is not None:
         steps = matched(raw.readings, plan).positions.tolist()
-        if named is not None:
+        if "position" in there:
             numbers = {str(step.name): k for k, step in enumerate(plan.steps)}
-            steps = [numbers.get(name, -1) for name in named]
+            steps = [numbers.get(name, -1) for name in names]
         if -1 in steps:
             raise InputError(
                 f"{path}: row {steps.index(-1) + 1}: not a position of the plan ({steps.count(-1)} such rows); remove them"
             )
         places = [place.at_step(plan, step) for place, step in zip(places, steps, strict=True)]
-    elif with_angles:
-        angles = zip(places, raw.numbers("alpha_deg"), raw.numbers("beta_deg"), strict=True)
-        places = [replace(place, alpha_deg=float(alpha), beta_deg=float(beta)) for place, alpha, beta in angles]
-    time_s = raw.numbers("time_s") if "time_s" in raw.frame.columns else None
-    columns = {"temperature_degc": raw.temperature_degc(), "time_s": time_s}
+    columns = {
+        "temperature_degc": raw.temperature_degc(),
+        "time_s": raw.numbers("time_s") if "time_s" in there else None,
+    }
     positions = position_set(str(path), raw.readings, places, comments, known, **columns)
-    if named is not None and plan is None:
-        positions = replace(positions, names=tuple(named))
     return DwellSamples(positions, read=(recording,), warnings=((str(path), recording.damage.lines),))

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, names_of
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.recordings.options import KnownContext
@@ -37,7 +37,7 @@ class Place:
         return replace(self, name=str(at.name), approach=at.approach, step=step, **angles)
 
 
-def angles_of(places: Sequence[Place]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def angles_of(places: Sequence[Place]) -> tuple[Floats, Floats]:
     """Alpha and beta of places, deg; NaN if unknown."""
     alpha, beta = ([getattr(place, name) for place in places] for name in ("alpha_deg", "beta_deg"))
     return np.array(alpha, float), np.array(beta, float)
@@ -45,7 +45,7 @@ def angles_of(places: Sequence[Place]) -> tuple[NDArray[np.float64], NDArray[np.
 
 def position_set(
     source: str,
-    readings: NDArray[np.float64],
+    readings: Floats,
     places: Sequence[Place],
     comments: Mapping[str, str],
     known: tuple[KnownContext, CapturePlan | None],
@@ -56,16 +56,14 @@ def position_set(
     With the comment of unknown attitudes, the readings give approximate angles. Labels of a place precede those of the options
     and of the plan, `known`. `columns`: further columns of the set.
     """
-    alpha, beta = angles_of(places)
+    context, plan = known
     hand_held = comments.get(ATTITUDES) == UNKNOWN
-    if hand_held:
-        alpha, beta = attitudes_of(readings)
+    alpha, beta = attitudes_of(readings) if hand_held else angles_of(places)
     approaches = [place.approach for place in places]
-    labels = labels_of_rows(known, len(places))
-    for name, usual in labels.items():
-        stated = tuple(getattr(place, name) for place in places)
-        if any(stated):
-            labels[name] = tuple(a or b for a, b in zip(stated, usual or ("1",) * len(places), strict=True))
+    for name in ("run", "mount"):
+        usual = getattr(context, name) or (getattr(plan.session, name) if plan else "1")
+        stated = [getattr(place, name) for place in places]
+        columns[name] = tuple(label or usual for label in stated) if usual != "1" or any(stated) else None
     return PositionSet(
         names_of([place.name for place in places]),
         alpha,
@@ -74,15 +72,5 @@ def position_set(
         approach=None if hand_held or None in approaches else np.array(approaches, float),
         comments=dict(comments),
         source=source,
-        **labels,
         **columns,
     )
-
-
-def labels_of_rows(known: tuple[KnownContext, CapturePlan | None], count: int) -> dict[str, tuple[str, ...] | None]:
-    """Run and mount of all rows: from the options, otherwise from the plan; None for "1"."""
-    context, plan = known
-    labels = {
-        name: getattr(context, name) or (getattr(plan.session, name) if plan else "1") for name in ("run", "mount")
-    }
-    return {name: (label,) * count if label != "1" else None for name, label in labels.items()}

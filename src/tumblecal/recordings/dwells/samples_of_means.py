@@ -1,9 +1,9 @@
 """The samples of positions, checked against their means."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.axes import AXES
@@ -16,59 +16,30 @@ if TYPE_CHECKING:
 
 # Means that differ more from those of the samples (standard deviations of the mean, and g) are not of these samples.
 _FAR_SD, _FAR_G = 30.0, 2e-3
-# Local gravity differs from standard gravity by less than this share.
-_GRAVITY_SHARE = 6e-3
 _SHOWN = 4
 
 
-def samples_of(dwells: "DwellSamples", data: PositionSet) -> list[NDArray[np.float64]]:
-    """The samples of each of these positions.
+def samples_of(dwells: "DwellSamples", data: PositionSet) -> "DwellSamples":
+    """The dwells of these positions, in their order.
 
     **Raises:** `InputError` if a position has no samples, or their mean is different.
     """
-    force, source = dict(zip(dwells.positions.names, dwells.force, strict=True)), dwells.positions.source
-    absent = [name for name in data.names if name not in force]
-    # Joined files prefix a position's name with the name of the file if several files have it.
-    names = [name.partition(":")[2] for name in absent]
-    repeated = [name for name in names if name in force] or [n for n in data.names if data.names.count(n) > 1]
-    if repeated:
+    names, source = list(dwells.positions.names), dwells.positions.source
+    if wrong := [name for name in data.names if name not in names or data.names.count(name) > 1]:
         raise InputError(
-            f"{data.source}: several positions are named {repeated[0]}, so their samples are indistinguishable in "
-            f"{source}; give each position a name of its own in both"
+            f"{source}: no samples of position {shortened(wrong, _SHOWN)} of {data.source}; it has "
+            f"{shortened(names, _SHOWN)}; give each position one name, in both"
         )
-    if absent:
-        raise InputError(
-            f"{source}: no samples of position {shortened(absent, _SHOWN)} of {data.source}; it has "
-            f"{shortened(list(force), _SHOWN)}"
-        )
-    for name, mean in zip(data.names, data.readings, strict=True):
-        difference = np.abs(force[name].mean(0) - mean)
-        excess = difference - _FAR_SD * force[name].std(0, ddof=1) / np.sqrt(len(force[name])) - _FAR_G
+    rows = [names.index(name) for name in data.names]
+    found = replace(dwells, positions=dwells.positions.chosen(rows), force=[dwells.force[row] for row in rows])
+    for name, mean, force in zip(data.names, data.readings, found.force, strict=True):
+        of_samples, sd = force.mean(0), force.std(0, ddof=1) / np.sqrt(len(force))
+        excess = np.abs(of_samples - mean) - _FAR_SD * sd - _FAR_G
         axis = int(np.argmax(excess))
         if excess[axis] > 0:
             raise InputError(
-                f"{source}: position {name}: the samples' mean of axis {AXES[axis]} is {force[name][:, axis].mean():.6g} "
-                f"g, but {data.source} has {mean[axis]:.6g} g; give the samples that the means were made of"
-                + _gravity_words(force[name].mean(0), mean)
+                f"{source}: position {name}: the samples' mean of axis {AXES[axis]} is {of_samples[axis]:.6g} g, but "
+                f"{data.source} has {mean[axis]:.6g} g; give the samples that the means were made of, and for readings in "
+                "m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity"
             )
-    return [force[name] for name in data.names]
-
-
-def middles_of(dwells: "DwellSamples", data: PositionSet) -> NDArray[np.float64] | None:
-    """The middle of the samples of each of these positions, s; None if they have no times."""
-    if dwells.positions.time_s is None:
-        return None
-    middle_s = dict(zip(dwells.positions.names, dwells.positions.time_s, strict=True))
-    return np.array([middle_s[name] for name in data.names])
-
-
-def dwell_s(dwells: "DwellSamples") -> float:
-    """Length of the median dwell, s."""
-    return float(np.median([len(force) for force in dwells.force])) / dwells.rate_hz
-
-
-def _gravity_words(of_samples: NDArray[np.float64], mean: NDArray[np.float64]) -> str:
-    """The remedy if a mean differs like local gravity from standard gravity."""
-    ratio = float(np.linalg.norm(of_samples) / np.linalg.norm(mean))
-    like_gravity = abs(ratio - 1) < _GRAVITY_SHARE and np.linalg.norm(of_samples - ratio * mean) < _FAR_G
-    return ", and for readings in m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity" if like_gravity else ""
+    return found

@@ -3,10 +3,10 @@
 Cheap sensors have offsets of 0.25 to 0.6 g: before these are removed, size and direction of their readings show little.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from tumblecal.capture.decoding.samples import Floats
 
 
 # Fewest attitudes for the six parameters of an ellipsoid and a test of it; attitudes closer than this (g) are equal.
@@ -19,96 +19,52 @@ _NEAR = 0.08
 _LARGEST_BIAS, _LARGEST_RATIO = 0.9, 1.35
 
 
-@dataclass(frozen=True)
-class RoughSensor:
-    """`centre` and `radii` (3): readings of the axes at 0 g, and their change at 1 g. `covariance` (6, 6): covariance of the
-    coefficients in units of the readings' scatter, for readings minus `origin[0]`, divided by `origin[1]`."""
-
-    centre: NDArray[np.float64]
-    radii: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    origin: tuple[NDArray[np.float64], float]
-
-    def in_g(self, readings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Readings (n, 3) without bias, in g."""
-        return (readings - self.centre) / self.radii
-
-    def u_of_size(self, readings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Standard uncertainty of the size of readings (n, 3), g: it is large far from the fitted readings."""
-        design = _design((readings - self.origin[0]) / self.origin[1])
-        return _NEAR / 2 * np.sqrt(1 + np.einsum("ni,ij,nj->n", design, self.covariance, design))
-
-
-def rough_sensor(readings: NDArray[np.float64]) -> RoughSensor | None:
-    """The ellipsoid through most of the readings; None if they are too few or too similar to determine it.
+def sizes_in_g(readings: Floats, used: NDArray[np.bool_]) -> Floats | None:
+    """Sizes of the readings in g (n,) after rough bias and scale; None if the used ones are too few or too similar to determine
+    these.
 
     Least squares on a x² + b y² + c z² + d x + e y + f z = 1 from subsets of six; the ellipsoid with most agreeing readings is
     fitted again to these.
 
     **Arguments:**
 
-    - `readings`: means of intervals, in any unit, shape (n, 3).
+    - `readings`: means of intervals, in any unit, shape (n, 3). `used` (n,): mask of those that determine the ellipsoid.
     """
-    middle = np.median(readings, axis=0) if len(readings) else np.zeros(3)
-    size = float(np.median(np.linalg.norm(readings - middle, axis=1))) if len(readings) else 0.0
-    if not size or _attitudes((readings - middle) / size) < _FEWEST:
+    known = readings[used]
+    if not len(known):
         return None
-    design, zero = _design((readings - middle) / size), -middle / size
+    middle = np.median(known, axis=0)
+    size = float(np.median(np.linalg.norm(known - middle, axis=1)))
+    if not size:
+        return None
+    scaled, zero = (known - middle) / size, -middle / size
+    attitudes = list[Floats]()
+    for reading in scaled:
+        if all(np.linalg.norm(reading - other) > _SAME_G for other in attitudes):
+            attitudes.append(reading)
+    if len(attitudes) < _FEWEST:
+        return None
+    design = np.hstack([scaled**2, scaled])
     rng = np.random.default_rng(0)
-    subsets = np.argsort(rng.random((_SUBSETS, len(readings))), axis=1)[:, :6]
-    sixes = design[subsets]
+    sixes = design[np.argsort(rng.random((_SUBSETS, len(known))), axis=1)[:, :6]]
     sixes = sixes[np.linalg.cond(sixes) < 1e4]
-    found = [
-        near
-        for coefficients in np.linalg.solve(sixes, np.ones((len(sixes), 6, 1)))[..., 0]
-        if (near := _near(coefficients, design, zero)).any()
-    ]
-    if not found:
+    found = _sizes(np.linalg.solve(sixes, np.ones((len(sixes), 6, 1)))[..., 0], scaled, zero)
+    near = max(np.abs(found - 1) < _NEAR, key=np.count_nonzero, default=np.zeros(0, bool))
+    if 2 * near.sum() <= len(near):
         return None
-    near = max(found, key=np.count_nonzero)
-    solution = np.zeros(6)
-    for _ in range(10):
-        solution = np.asarray(np.linalg.lstsq(design[near], np.ones(int(near.sum())), rcond=None)[0], np.float64)
-        again = _near(solution, design, zero)
-        if not again.any() or (again == near).all():
-            break
-        near = again
-    shape = _shape(solution, zero)
-    if shape is None or 2 * near.sum() <= len(near) or _attitudes(((readings - middle) / size)[near]) < _FEWEST:
-        return None
-    covariance = np.asarray(np.linalg.pinv(design[near].T @ design[near]), np.float64)
-    return RoughSensor(middle + size * shape[0], size * shape[1], covariance, (middle, size))
+    solution = np.linalg.lstsq(design[near], np.ones(int(near.sum())), rcond=None)[0]
+    sizes = _sizes(solution[None], (readings - middle) / size, zero)[0]
+    return sizes if np.isfinite(sizes).all() else None
 
 
-def _design(readings: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.hstack([readings**2, readings])
-
-
-def _shape(
-    solution: NDArray[np.float64], zero: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Centre and radii of an ellipsoid; None if it is not one, or implausible for a sensor."""
-    square, line = solution[:3], solution[3:]
-    if (square <= 0).any():
-        return None
-    centre = -line / (2 * square)
-    radii = np.sqrt((1 + (square * centre**2).sum()) / square)
-    bad = radii.max() > _LARGEST_RATIO * radii.min() or (np.abs(centre - zero) > _LARGEST_BIAS * radii).any()
-    return None if bad else (centre, radii)
-
-
-def _near(solution: NDArray[np.float64], design: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mask of readings near the ellipsoid; empty if it is implausible for a sensor."""
-    shape = _shape(solution, zero)
-    if shape is None:
-        return np.zeros(len(design), bool)
-    return np.abs(np.linalg.norm((design[:, 3:] - shape[0]) / shape[1], axis=1) - 1) < _NEAR
-
-
-def _attitudes(readings: NDArray[np.float64]) -> int:
-    """Approximate number of different attitudes among readings in g."""
-    distinct = np.zeros((0, 3))
-    for reading in readings:
-        if not len(distinct) or np.linalg.norm(distinct - reading, axis=1).min() > _SAME_G:
-            distinct = np.vstack([distinct, reading])
-    return len(distinct)
+def _sizes(solutions: NDArray, readings: Floats, zero: NDArray) -> Floats:
+    """Sizes of readings (n, 3) about the centres of ellipsoids, in their radii (solutions, n); infinite for an ellipsoid that
+    is implausible for a sensor."""
+    square, line = solutions[:, :3], solutions[:, 3:]
+    with np.errstate(all="ignore"):
+        centre = -line / (2 * square)
+        radii = np.sqrt((1 + (square * centre**2).sum(1, keepdims=True)) / square)
+        sizes = np.linalg.norm((readings - centre[:, None]) / radii[:, None], axis=2)
+        biased = (np.abs(centre - zero) > _LARGEST_BIAS * radii).any(1)
+        plausible = (square > 0).all(1) & (radii.max(1) <= _LARGEST_RATIO * radii.min(1)) & ~biased
+    return np.where(plausible[:, None], sizes, np.inf)

@@ -6,26 +6,24 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.ground.gravity import STANDARD, unit_in_g
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.intervals import Interval, judged
-from tumblecal.recordings.still.windows import Windows, trimmed, windows_of
+from tumblecal.recordings.still.windows import ALLOWANCES, windows_of
 
 
-# A knock of up to this many blocks, with the same mean before and after it, does not split an interval.
-_KNOCK_BLOCKS = 3
-# A stretch that is never quieter than this many times the standard deviation at rest is a movement, not a rejected interval.
-_RESTLESS = 3.0
+# A knock of up to this many blocks, with the same mean within this many windows on both sides, does not split an interval.
+_KNOCK_BLOCKS, _NEAR_KNOCK = 3, 3
 # A jump is at least this many times the median step in the rest of its run, since the tremble of hands differs.
 _STEPS_OF_RUN = 8.0
-# Means within this many windows on both sides of a jump differ by this share of it; after a swing they do not.
-_NEAR_JUMP, _LASTING = 3, 0.5
 _LEAST_FOR_LISTING = 0.3
 _ONE_ATTITUDE_DEG = 10.0
+# Parts (first block, block after the last) of an interval; the blocks between them are knocks.
+_Parts = list[tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -43,8 +41,8 @@ class Stillness:
 
     criterion: Criterion
     intervals: list[Interval]
-    noise: NDArray[np.float64]
-    dof: NDArray[np.float64]
+    noise: Floats
+    dof: Floats
     blocks: SignalBlocks
     joins: int = 0
     size_judged: bool = False
@@ -91,119 +89,75 @@ def still_intervals(blocks: SignalBlocks, criterion: Criterion = Criterion()) ->
     if len(blocks) < 2 * length:
         return Stillness(criterion, [], np.zeros(0), np.zeros(0), blocks)
     windows = windows_of(blocks, criterion, length)
-    runs = _joined(_runs(blocks, windows, criterion.false_alarm), blocks, windows)
+    if windows.limits is None:
+        quietest = np.exp(windows.log_variance[np.argmin(windows.log_variance[:, :3].max(1))] / 2)
+        return Stillness(criterion, [], quietest, 0 * quietest, blocks)
+    noise = np.exp(windows.limits.base / 2)
+    excess = windows.excess(windows.limits) / ALLOWANCES[: len(noise)] ** 2
+    first = np.flatnonzero((excess <= 1).all(1))
+    # Runs of blocks in which each two neighbours are in one still window.
+    groups = np.split(first, np.flatnonzero(np.diff(first) >= length) + 1)
+    whole = [(int(group[0]), int(group[-1]) + length) for group in groups if len(group)]
+    limit = windows.limits.offset[:3]
+    jump = (np.abs(windows.offset[:, :3]) / (ALLOWANCES[:3] * limit)).max(1)
+    parts = [part for run in whole for part in _parted(windows.trimmed(run), jump, length)]
+    runs = _joined(parts, blocks, limit, _NEAR_KNOCK * length)
     moving = len(blocks) - sum(stop - start for run in runs for start, stop in run) > length
     intervals = [_interval(run, blocks, criterion, moving=moving) for run in runs]
     intervals = [interval for interval in intervals if interval.stop_s - interval.start_s > _LEAST_FOR_LISTING]
-    intervals, size_judged = judged(intervals, blocks, windows)
+    intervals, size_judged = judged(intervals, blocks, noise, length // 2)
     joins = sum(blocks.broken[run[0][0]] or run[0][0] == before[-1][1] for before, run in pairwise(runs))
-    intervals += _restless(intervals, blocks, windows, criterion)
-    intervals = sorted(intervals, key=lambda interval: interval.start)
-    return Stillness(criterion, intervals, windows.noise, windows.dof, blocks, int(joins), size_judged)
+    return Stillness(criterion, intervals, noise, windows.limits.dof, blocks, int(joins), size_judged)
 
 
-def _runs(blocks: SignalBlocks, windows: Windows, false_alarm: float) -> list[list[tuple[int, int]]]:
-    """Runs (start, stop) of blocks in which each two neighbours are in one still window; split where the mean jumps."""
-    still, linked = (_covered(windows.still, windows.length, len(blocks), inner) for inner in (0, 1))
-    begins = still & ~(linked & np.concatenate([[False], still[:-1]]))
-    starts = np.flatnonzero(begins)
-    ends = np.flatnonzero(still & np.concatenate([begins[1:] | ~still[1:], [True]])) + 1
-    samples = blocks.size * windows.length
-    runs = (
-        trimmed((int(start), int(stop)), windows, false_alarm, samples)
-        for start, stop in zip(starts, ends, strict=True)
-    )
-    return [[part] for run in runs for part in _parted(run, blocks, windows)]
+def _parted(run: tuple[int, int], jumps: Floats, length: int) -> _Parts:
+    """Split a run where the step between the halves of a window exceeds the limit: slow drift has no such step.
 
+    **Arguments:**
 
-def _covered(still: NDArray[np.bool_], length: int, count: int, inner: int) -> NDArray[np.bool_]:
-    """Mask of blocks in a still window, except its first `inner` blocks."""
-    edges = np.zeros(count + 1, int)
-    first = np.flatnonzero(still)
-    np.add.at(edges, first + inner, 1)
-    np.add.at(edges, first + length, -1)
-    return np.cumsum(edges)[:count] > 0
-
-
-def _parted(run: tuple[int, int], blocks: SignalBlocks, windows: Windows) -> list[tuple[int, int]]:
-    """Split a run where the step between the halves of a window exceeds the limit and lasts: slow drift has no such step, and
-    that of a swing does not last."""
+    - `jumps` (windows): the steps relative to the limit. `length`: of a window, in blocks.
+    """
     start, stop = run
-    half = windows.length // 2
-    jump = windows.jump[start : max(start, stop - windows.length + 1)]
-    for window in np.flatnonzero((jump > 1) & (jump == ndimage.maximum_filter1d(jump, windows.length, mode="nearest"))):
-        elsewhere = np.delete(jump, slice(max(0, window - windows.length), window + windows.length))
-        if len(elsewhere) >= windows.length and jump[window] < _STEPS_OF_RUN * np.median(elsewhere):
-            continue
-        at, axis = start + int(window) + half, int(np.argmax(np.abs(windows.step[start + window] / windows.step_limit)))
-        width = _NEAR_JUMP * windows.length
-        before, after = (blocks.mean[a:b, axis] for a, b in ((max(start, at - width), at), (at, min(stop, at + width))))
-        if np.abs(after.mean() - before.mean()) > _LASTING * np.abs(windows.step[start + window, axis]):
-            return [(start, at), *_parted((at, stop), blocks, windows)]
+    jump = jumps[start : max(start, stop - length + 1)]
+    for window in np.flatnonzero((jump > 1) & (jump == ndimage.maximum_filter1d(jump, length, mode="nearest"))):
+        elsewhere = np.delete(jump, slice(max(0, window - length), window + length))
+        if len(elsewhere) < length or jump[window] >= _STEPS_OF_RUN * np.median(elsewhere):
+            at = start + int(window) + length // 2
+            return [(start, at), *_parted((at, stop), jumps, length)]
     return [run]
 
 
-def _joined(runs: list[list[tuple[int, int]]], blocks: SignalBlocks, windows: Windows) -> list[list[tuple[int, int]]]:
-    """Join runs that only a knock separates."""
-    joined: list[list[tuple[int, int]]] = []
-    width = _NEAR_JUMP * windows.length
-    for run in runs:
-        (start, stop), before = run[0], joined[-1][-1] if joined else None
-        if before and start - before[1] <= _KNOCK_BLOCKS and not blocks.broken[before[1] : start + 1].any():
-            earlier, later = (
-                slice(max(before[0], before[1] - width), before[1]),
-                slice(start, min(start + width, stop)),
-            )
-            moved = blocks.mean[later, :3].mean(0) - blocks.mean[earlier, :3].mean(0)
-            if (np.abs(moved) < windows.step_limit).all():
+def _joined(parts: _Parts, blocks: SignalBlocks, limit: Floats, width: int) -> list[_Parts]:
+    """The parts of each interval: parts that only a knock separates, with means of `width` blocks that differ by less than the
+    limit (3), are one."""
+    joined = list[_Parts]()
+    for start, stop in parts:
+        begin, end = joined[-1][-1] if joined else (0, -len(blocks))
+        if start - end <= _KNOCK_BLOCKS and not blocks.broken[end : start + 1].any():
+            earlier = blocks.mean[max(begin, end - width) : end, :3].mean(0)
+            later = blocks.mean[start : min(start + width, stop), :3].mean(0)
+            if (np.abs(later - earlier) < limit).all():
                 joined[-1].append((start, stop))
                 continue
         joined.append([(start, stop)])
     return joined
 
 
-def _interval(run: list[tuple[int, int]], blocks: SignalBlocks, criterion: Criterion, *, moving: bool) -> Interval:
+def _interval(run: _Parts, blocks: SignalBlocks, criterion: Criterion, *, moving: bool) -> Interval:
     """A run as an interval. A guard excludes movement: at a cut of the recording there is no guard, unless a longer one was
     stated; at the ends of the recording there is one if the recording has any movement."""
-    stated = criterion.guard_s if criterion.guard_s > Criterion.guard_s else 0.0
     first, last = run[0][0], run[-1][1] - 1
-    cut = blocks.broken[first] or (first == 0 and not moving)
-    start = int(blocks.row[first]) + round((stated if cut else criterion.guard_s) * blocks.rate_hz)
-    stop = blocks.stop_row(last)
-    cut = stop in blocks.cuts and (stop < blocks.rows or not moving)
-    stop -= round((stated if cut else criterion.guard_s) * blocks.rate_hz)
-    length_s = (stop - start) / blocks.rate_hz
-    start_s = float(blocks.start_s[first] + (start - blocks.row[first]) / blocks.rate_hz)
+    start, stop = int(blocks.row[first]), int(blocks.stop[last])
+    at_cut = (
+        blocks.broken[first] or (first == 0 and not moving),
+        stop in blocks.cuts and (stop < blocks.rows or not moving),
+    )
+    stated = criterion.guard_s if criterion.guard_s > Criterion.guard_s else 0.0
+    guards = [round((stated if cut else criterion.guard_s) * blocks.rate_hz) for cut in at_cut]
+    length_s = (stop - start - sum(guards)) / blocks.rate_hz
+    start_s = float(blocks.start_s[first] + guards[0] / blocks.rate_hz)
     mean = np.concatenate([blocks.mean[a:b, :3] for a, b in run]).mean(0)
-    knocks = tuple((blocks.stop_row(a[1] - 1), int(blocks.row[b[0]])) for a, b in pairwise(run))
+    knocks = tuple((int(blocks.stop[a[1] - 1]), int(blocks.row[b[0]])) for a, b in pairwise(run))
     short = length_s + 0.5 / blocks.rate_hz < criterion.least_s
     reason = f"short: {max(length_s, 0):.1f} s, {criterion.least_s:g} s are needed" if short else ""
-    return Interval(start, stop, start_s, start_s + max(length_s, 0.0), mean, knocks, reason)
-
-
-def _restless(
-    intervals: list[Interval], blocks: SignalBlocks, windows: Windows, criterion: Criterion
-) -> list[Interval]:
-    """Stretches between the intervals that are nearly at rest, with the reasons against them."""
-    edges = [
-        0,
-        *(int(np.searchsorted(blocks.row, edge)) for interval in intervals for edge in (interval.start, interval.stop)),
-        len(blocks),
-    ]
-    rejected = []
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        excess = windows.excess[start : max(start, stop - windows.length)]
-        if len(excess) * blocks.size / blocks.rate_hz < criterion.least_s or not np.isfinite(excess).any():
-            continue
-        quietest = excess[int(np.argmin(excess.max(1)))]
-        times = float(np.sqrt(quietest.max()))
-        if 1 < times < _RESTLESS:
-            channel = ["axis x", "axis y", "axis z", "the rate of x", "the rate of y", "the rate of z"][
-                int(np.argmax(quietest))
-            ]
-            span = float(blocks.start_s[start]), float(blocks.start_s[min(stop, len(blocks) - 1)])
-            mean = blocks.mean[start:stop, :3].mean(0)
-            reason = f"restless: {channel} at {times:.2f} times the limit in its quietest second"
-            rows = int(blocks.row[start]), blocks.stop_row(stop - 1)
-            rejected.append(Interval(*rows, *span, mean, (), reason))
-    return rejected
+    return Interval(start + guards[0], stop - guards[1], start_s, start_s + max(length_s, 0.0), mean, knocks, reason)
