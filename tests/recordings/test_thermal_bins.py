@@ -29,8 +29,9 @@ def _table(
     """The bins of blocks at rest in one attitude."""
     blocks = pl.DataFrame(np.column_stack([force, np.full_like(force, (size - 1) * sd**2)]), [*READINGS, *SQUARES])
     blocks = blocks.with_columns(time_s=time_s, temperature_degc=degc, visit=0)
-    known = ("f", "f.csv", {}, float(time_s[1] - time_s[0]), size, np.zeros(3))
-    series = ThermalSeries.of(blocks, resolution, *known, pl.DataFrame({"position": ["a1"]}))
+    known = {"block_s": float(time_s[1] - time_s[0]), "size": size, "quantum": np.zeros(3), "resolution": resolution}
+    visits = pl.DataFrame({"position": ["a1"]})
+    series = ThermalSeries.of(blocks, clock="f", source="f.csv", comments={}, visits=visits, **known)
     return binned(series, width or default_width(degc, [series]))[0]
 
 

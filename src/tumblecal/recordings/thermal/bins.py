@@ -127,7 +127,7 @@ def _without_slope(blocks: pl.DataFrame, rows: pl.DataFrame) -> tuple[NDArray[np
 
 
 def _uncertainty(
-    series: ThermalSeries, rows: Sequence[NDArray[np.float64]], within: NDArray[np.float64]
+    series: ThermalSeries, rows: Sequence[NDArray[np.float64]], within: np.ndarray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Standard deviations of the means, and numbers of independent samples.
 
@@ -138,7 +138,7 @@ def _uncertainty(
     similar = np.round(np.log(blocks) / np.log(_SIMILAR))
     sd, whole_s = np.zeros((len(rows), 3)), float(np.ptp(series.blocks["time_s"].to_numpy()))
     for length in np.unique(similar):
-        of_length = np.flatnonzero(similar == length)
+        of_length = np.flatnonzero(similar == length).tolist()
         dwells = [rows[k] for k in of_length]
         with single_blas_thread():
             noise = RecordedNoise.of(dwells, 1 / series.block_s, whole_s)

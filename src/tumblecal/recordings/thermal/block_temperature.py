@@ -47,7 +47,7 @@ def stuck_words(first: NDArray[np.float64], time_s: NDArray[np.float64]) -> list
     readings, time_s = first[known], time_s[known]
     edges = np.flatnonzero(np.diff(readings, prepend=np.nan, append=np.nan))
     longest = int(np.argmax(np.diff(edges)))
-    start, stop = edges[longest : longest + 2].tolist()
+    start, stop = edges[longest : longest + 2]
     turns = np.count_nonzero(np.diff(np.sign(np.diff(readings[edges[:-1]]))))
     reversing = turns / max(len(readings) - (stop - start), 1)
     if reversing < _NOISY or stop - start <= _STUCK * np.log(len(readings)) / reversing:

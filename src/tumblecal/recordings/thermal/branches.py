@@ -76,6 +76,6 @@ def branches_of_course(series: ThermalSeries, bin_degc: float) -> pl.DataFrame:
         # A thermostat's cycle is averaged over half of the least length.
         rate = ndimage.uniform_filter1d(series.course["rate_degc_per_s"].to_numpy(), max(1, least // 2), mode="nearest")
         slow = np.abs(rate) < _SOAK_RATE * mean_rate
-        run = ndimage.label(slow)[0]
-        soak = np.where(slow & (np.bincount(run) >= least)[run], run, -1)
+        run = np.cumsum(slow & np.diff(slow, prepend=False))
+        soak = np.where(slow & (np.bincount(run, slow) >= least)[run], run, -1)
     return series.course.hstack(branches(stretch, sign, soak))

@@ -74,7 +74,7 @@ def positions_of(
         angles = zip(data.alpha_deg.tolist(), data.beta_deg.tolist(), mount, strict=True)
         labels = [f"alpha {alpha:g} beta {beta:g} {mount}".strip() for alpha, beta, mount in angles]
         frame = frame.with_columns(alpha_deg=data.alpha_deg, beta_deg=data.beta_deg)
-    return ThermalTable(frame.with_columns(position=pl.Series(labels)), data.source, data.comments)
+    return ThermalTable(frame.with_columns(position=pl.Series(labels)), data.source, dict(data.comments))
 
 
 def with_branches(table: ThermalTable, bin_degc: float) -> ThermalTable:

@@ -1,7 +1,7 @@
 """A recording of any format as blocks over temperature: its samples, intervals at rest, temperatures and attitudes."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -145,7 +145,7 @@ def _stays(
 
 
 def _parts(
-    source: tuple[str, str, Mapping[str, str]],
+    source: tuple[str, str, dict[str, str]],
     blocks: SignalBlocks,
     stays: tuple[NDArray[np.int64], pl.DataFrame],
     temperatures: tuple[NDArray[np.float64], NDArray[np.float64]],
@@ -159,7 +159,7 @@ def _parts(
     - `source`: name of the recording in labels, its file, and comments. `stays`: of each block. `temperatures`: mean of
       each block, and its first reading, degC. `to_g`: unit of the blocks, g. `steps`: blocks after a step.
     """
-    (name, *described), (visit, visits), (degc, first) = source, stays, temperatures
+    (name, file, comments), (visit, visits), (degc, first) = source, stays, temperatures
     middle, block_s = blocks.start_s + (blocks.size - 1) / 2 / blocks.rate_hz, blocks.size / blocks.rate_hz
     cut = np.diff(middle, prepend=middle[:1]) < 0
     cut[steps] = True
@@ -174,9 +174,19 @@ def _parts(
     for part in frame.partition_by("part", maintain_order=True):
         recorded = part.with_columns(filled).drop_nulls(TEMPERATURE)
         if (recorded["visit"] >= 0).any():
-            clock = f"{name} (clock {len(parts) + 1})" if parts else name
-            known = (clock, *described, block_s, blocks.size, to_g * blocks.quantum[:3], visits)
-            parts.append(ThermalSeries.of(recorded, resolution_of(part["first"].to_numpy()), *known))
+            parts.append(
+                ThermalSeries.of(
+                    recorded,
+                    clock=f"{name} (clock {len(parts) + 1})" if parts else name,
+                    source=file,
+                    comments=comments,
+                    block_s=block_s,
+                    size=blocks.size,
+                    quantum=to_g * blocks.quantum[:3],
+                    visits=visits,
+                    resolution=resolution_of(part["first"].to_numpy()),
+                )
+            )
     lost_s = block_s * (np.count_nonzero(visit >= 0) - sum(len(part.blocks) for part in parts))
     lost = [f"{lost_s:.0f} s at rest have no temperature and are not used"] if lost_s > _LONGEST_LOST_S else []
     return parts, lost + stuck_words(first, middle)

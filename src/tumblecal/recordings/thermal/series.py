@@ -1,6 +1,5 @@
 """A recording over temperature in blocks: time, accelerations, temperature, and the attitude of each."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +30,7 @@ class ThermalSeries:
 
     clock: str
     source: str
-    comments: Mapping[str, str]
+    comments: dict[str, str]
     block_s: float
     size: int
     quantum: Float[np.ndarray, "3"]
@@ -43,14 +42,14 @@ class ThermalSeries:
     resolution: float
 
     @classmethod
-    def of(cls, recorded: pl.DataFrame, resolution: float, *known: Any) -> "ThermalSeries":
+    def of(cls, recorded: pl.DataFrame, **known: Any) -> "ThermalSeries":
         """A series from all blocks with a temperature, those of movements with `visit` -1.
 
-        **Arguments:** `resolution`: of the thermometer, degC. `known`: the fields before `blocks`.
+        **Arguments:** `known`: the fields that do not follow from these.
         """
-        course, *of_course = smoothed(recorded["time_s"].to_numpy(), recorded[TEMPERATURE].to_numpy(), resolution)
+        course, cell_s, noise = smoothed(
+            recorded["time_s"].to_numpy(), recorded[TEMPERATURE].to_numpy(), known["resolution"]
+        )
         blocks = recorded.filter(pl.col("visit") >= 0)
-        at = [
-            pl.Series(name, np.interp(blocks["time_s"], course["time_s"], course[name])) for name in (TEMPERATURE, RATE)
-        ]
-        return cls(*known, blocks.with_columns(at), course, *of_course, resolution)
+        at = {name: np.interp(blocks["time_s"], course["time_s"], course[name]) for name in (TEMPERATURE, RATE)}
+        return cls(blocks=blocks.with_columns(**at), course=course, cell_s=cell_s, noise=noise, **known)

@@ -1,6 +1,6 @@
 """Readings over temperature: one row for each attitude, branch of the temperature, and temperature bin or soak."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -58,7 +58,7 @@ class ThermalTable:
 
     frame: pl.DataFrame
     source: str = "recording"
-    comments: Mapping[str, str] = field(default_factory=dict)
+    comments: dict[str, str] = field(default_factory=dict)
     files: tuple[str, ...] = ()
 
     attitude = _column("position")
