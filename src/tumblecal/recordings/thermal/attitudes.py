@@ -67,7 +67,7 @@ def grouped(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], list[NDArray
     """Groups of readings (rows, 3) in g that differ by less than `ONE_ATTITUDE_G` from the first of their group."""
     index, firsts = np.zeros(len(means), int), list[NDArray[np.float64]]()
     for row, mean in enumerate(means):
-        far = [np.linalg.norm(mean - first) for first in firsts]
+        far = [float(np.linalg.norm(mean - first)) for first in firsts]
         if min(far, default=np.inf) > ONE_ATTITUDE_G:
             firsts.append(mean)
             far.append(0.0)

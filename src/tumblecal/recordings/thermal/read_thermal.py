@@ -99,9 +99,10 @@ def thermal_reading(
         table = joined([*(rows for _, rows, _ in bins), *(with_branches(one, width) for one in positions)])
         if len(table) < 2 or np.ptp(degc) <= finest_of(series):
             raise InputError(
-                f"{table.source}: the temperature is constant ({degc.min():.6g} to {degc.max():.6g} degC, within a bin, or "
-                "within the resolution and noise of the thermometer): it is stuck, or nothing was heated. Check the column "
-                "(--columns temperature=...), record over a wider range, or give narrower bins (--bin-width)"
+                f"{table.source}: {degc.min():.6g} to {degc.max():.6g} degC at rest, in {len(table)} bins, show no change "
+                "of the temperature: the thermometer is stuck or too noisy, nothing was heated, or the recording is too short. "
+                "Check the column (--columns temperature=...), record longer and over a wider range, or give narrower bins "
+                "(--bin-width)"
             )
         if same_attitude and len(paths) > 1 and not table.known_attitudes:
             # One label for each direction of gravity.
@@ -113,8 +114,11 @@ def thermal_reading(
     lines = [line for found in bins for line in _words(*found, width)]
     lines += [f"{one.source}: {counted(len(one), 'position mean')}" for one in positions]
     if degc.max() > _UNUSUAL_DEGC:
-        words = f"temperatures up to {degc.max():.4g} degC: few sensors are used above {_UNUSUAL_DEGC:g} degC; if these are "
-        warnings.append((table.source, [words + "counts or degrees Fahrenheit, write degC"]))
+        unusual = (
+            f"temperatures up to {degc.max():.4g} degC: few sensors are used above {_UNUSUAL_DEGC:g} degC; if these are counts "
+            "or degrees Fahrenheit, write degC"
+        )
+        warnings.append((table.source, [unusual]))
     return ThermalReading(table, read, lines, warnings)
 
 
