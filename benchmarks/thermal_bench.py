@@ -114,15 +114,14 @@ def measured(
 def table_of(attitude: Sequence[str], readings: ArrayLike, sd: ArrayLike, temperature_degc: ArrayLike, **columns):
     """A table; single numbers are valid for all rows. By default: one row a minute, all on one rising branch and clock."""
     count, columns = len(attitude), {"n": 1000.0, "direction": 0, "rate_degc_per_s": 0.0, **columns}
-    usual = {"branch": ("arrays:1 up",) * count, "clock": ("1",) * count, "time_s": 60.0 * np.arange(count)}
-    given = usual | {"reached_by": columns["direction"], "n_eff": columns["n"]} | columns
-    given |= {"sd": sd, "temperature_degc": temperature_degc, "readings": readings, "position": tuple(attitude)}
+    given = {"branch": "arrays:1 up", "clock": "1", "time_s": 60.0 * np.arange(count), "n_eff": columns["n"]}
+    given |= {"reached_by": columns["direction"], **columns, "sd": sd, "readings": readings}
+    given["temperature_degc"] = temperature_degc
     frame = pl.DataFrame({"position": attitude})
     for name, values in given.items():
         names = {"readings": READINGS, "sd": SDS, "n_eff": INDEPENDENT, "clock": ["run"]}.get(name, [name])
         array = np.asarray(values)
-        array = array[:, None] if array.shape == (count,) != (len(names),) else array
-        array = np.broadcast_to(array, (count, len(names)))
+        array = np.broadcast_to(array[:, None] if array.shape == (count,) else array, (count, len(names)))
         frame = frame.with_columns(pl.Series(each, array[:, k]) for k, each in enumerate(names))
     return ThermalTable(frame.cast({"direction": int, "reached_by": int}), "arrays", {ATTITUDES: UNKNOWN})
 

@@ -237,29 +237,31 @@ def test_position_files_need_possible_temperatures(tmp_path: Path, change, words
         read_thermal([tmp_path / "positions.csv"])
 
 
+def test_the_same_attitude_of_files_of_means_is_that_of_one_direction(tmp_path: Path):
+    faces = pl.DataFrame(np.eye(3), ["ax_g", "ay_g", "az_g"])
+    for name, rows, degc in (("cold", faces, 10.0), ("hot", faces.reverse(), 40.0)):
+        written(tmp_path, rows.with_columns(temperature_degc=pl.lit(degc)), f"{name}.csv")
+    files = [tmp_path / "cold.csv", tmp_path / "hot.csv"]
+    table = read_thermal(files, KnownContext(means=True), noise_sd=1e-4, same_attitude=True)
+    assert table.attitude == ("a1", "a2", "a3", "a3", "a2", "a1")
+
+
 def test_bins_have_a_width(tmp_path: Path):
     with pytest.raises(InputError, match="width of the bins, 0 degC: it must be above 0"):
         read_thermal([written(tmp_path, _RAMP)], bin_degc=0.0)
 
 
 _RAMP = recording(ramp(0, 40, 1), UP)
+_NONE = "no temperature in degC among the columns .*not in kelvin or Fahrenheit, .*--columns temperature=NAME"
 
 
 @pytest.mark.parametrize(
     ("frame", "options", "fault"),
     [
-        (_RAMP.drop("temperature_degc"), {}, "no temperature in degC among the columns .*--columns temperature=NAME"),
-        (
-            _RAMP.with_columns(temperature_degc=np.nan),
-            {},
-            "no temperature in degC among the columns",
-        ),
-        (_RAMP.rename({"temperature_degc": "TempF"}), {}, "not in kelvin or Fahrenheit, and name it"),
-        (
-            _RAMP.rename({"temperature_degc": "TempF"}),
-            {"columns": "temperature=TempF"},
-            "not in kelvin or Fahrenheit, and name it",
-        ),
+        (_RAMP.drop("temperature_degc"), {}, _NONE),
+        (_RAMP.with_columns(temperature_degc=np.nan), {}, _NONE),
+        (_RAMP.rename({"temperature_degc": "TempF"}), {}, _NONE),
+        (_RAMP.rename({"temperature_degc": "TempF"}), {"columns": "temperature=TempF"}, _NONE),
         (_RAMP.drop("time_s"), {}, r"the sample rate is not known; give --rate 100 \(Hz\)"),
         (recording(np.full(2400, 25.0), UP), {}, "show no change of the temperature: the thermometer is stuck or"),
         (_RAMP.with_columns(pl.col("temperature_degc") + 273.15), {}, "are in kelvin; write degC"),
