@@ -18,15 +18,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import polars as pl
 from numpy.typing import ArrayLike
 
 from thermal_instrument import Programme, Unit, attitudes, instrument, means, readings, soak_means, truth
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.precision import enable_float64
-from tumblecal.recordings.thermal.thermal_table import ThermalTable
+from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
 from tumblecal.thermal.choice import Stated
 from tumblecal.thermal.result import ThermalResult, thermal_calibration
 
@@ -111,18 +113,17 @@ def measured(
 
 def table_of(attitude: Sequence[str], readings: ArrayLike, sd: ArrayLike, temperature_degc: ArrayLike, **columns):
     """A table; single numbers are valid for all rows. By default: one row a minute, all on one rising branch and clock."""
-    count, columns = len(attitude), {"n": 1000.0, "direction": 0, "rate_degc_per_s": 0.0, "source": "arrays", **columns}
-    usual = {"branch": ("arrays:1 up",) * count, "clock": ("1",) * count, "time_s": 60.0 * np.arange(count)}
-    given = usual | {"reached_by": columns["direction"], "n_eff": columns["n"]} | columns
-    given |= {"sd": sd, "temperature_degc": temperature_degc}
+    count, columns = len(attitude), {"n": 1000.0, "direction": 0, "rate_degc_per_s": 0.0, **columns}
+    given = {"branch": "arrays:1 up", "clock": "1", "time_s": 60.0 * np.arange(count), "n_eff": columns["n"]}
+    given |= {"reached_by": columns["direction"], **columns, "sd": sd, "readings": readings}
+    given["temperature_degc"] = temperature_degc
+    frame = pl.DataFrame({"position": attitude})
     for name, values in given.items():
-        if name in ("branch", "clock", "mount"):
-            given[name] = tuple(values)
-        elif values is not None and name not in ("source", "comments", "files"):
-            array = np.asarray(values, int if name in ("direction", "reached_by") else float)
-            array = array[:, None] if name in ("sd", "n_eff") and array.shape == (count,) != (3,) else array
-            given[name] = np.broadcast_to(array, (count, 3) if name in ("sd", "n_eff") else (count,)).copy()
-    return ThermalTable(attitude=tuple(attitude), readings=np.asarray(readings, float), **given)
+        names = {"readings": READINGS, "sd": SDS, "n_eff": INDEPENDENT, "clock": ["run"]}.get(name, [name])
+        array = np.asarray(values)
+        array = np.broadcast_to(array[:, None] if array.shape == (count,) else array, (count, len(names)))
+        frame = frame.with_columns(pl.Series(each, array[:, k]) for k, each in enumerate(names))
+    return ThermalTable(frame.cast({"direction": int, "reached_by": int}), "arrays", {ATTITUDES: UNKNOWN})
 
 
 def outcome(rng: np.random.Generator, plan: tuple[str, int, int], lacking: bool) -> Outcome:

@@ -1,17 +1,14 @@
 """Bins over temperature from arrays: smoothing, branches, soaks, sums in pieces, means with uncertainties, rounding."""
 
-from dataclasses import replace
-
 import numpy as np
+import polars as pl
 import pytest
-from recordings_made import recording_of
 
-from tumblecal.recordings.columns import Layout
-from tumblecal.recordings.dwells.place import Place
-from tumblecal.recordings.thermal.bins import binned, course_of, default_width
+from tumblecal.recordings.thermal.bins import binned, default_width
 from tumblecal.recordings.thermal.rounding import rounding_sd
-from tumblecal.recordings.thermal.series import ThermalSeries
+from tumblecal.recordings.thermal.series import SQUARES, ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import resolution_of
+from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, ThermalTable
 
 
 def _triangle(time_s: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -20,14 +17,22 @@ def _triangle(time_s: np.ndarray, low: float, high: float) -> np.ndarray:
     return low + (high - low) * (1 - np.abs(2 * share - 1))
 
 
-def _series(time_s: np.ndarray, force: np.ndarray, degc: np.ndarray, size: int, sd: float) -> ThermalSeries:
-    count = len(time_s)
-    block_s = float(time_s[1] - time_s[0])
-    squares = np.full((count, 3), (size - 1) * sd**2)
-    visit = np.zeros(count, int)
-    recording = recording_of(Layout({}, None, 1.0, ()))
-    blocks = (block_s, size, time_s, force, squares, visit, visit[:1], (Place("a1"),), np.zeros(3))
-    return ThermalSeries("f", "f", recording, {}, *blocks, time_s, degc, 0.0)
+def _table(
+    time_s: np.ndarray,
+    force: np.ndarray,
+    degc: np.ndarray,
+    size: int,
+    sd: float,
+    width: float = 0.0,
+    resolution: float = 0.0,
+) -> ThermalTable:
+    """The bins of blocks at rest in one attitude."""
+    blocks = pl.DataFrame(np.column_stack([force, np.full_like(force, (size - 1) * sd**2)]), [*READINGS, *SQUARES])
+    blocks = blocks.with_columns(time_s=time_s, temperature_degc=degc, visit=0)
+    known = {"block_s": float(time_s[1] - time_s[0]), "size": size, "quantum": np.zeros(3), "resolution": resolution}
+    visits = pl.DataFrame({"position": ["a1"]})
+    series = ThermalSeries.of(blocks, clock="f", source="f.csv", comments={}, visits=visits, **known)
+    return binned(series, width or default_width(degc, [series]))[0]
 
 
 def _bias(degc: np.ndarray) -> np.ndarray:
@@ -52,9 +57,7 @@ def test_bin_means_are_covered_by_their_uncertainties(correlation_s: float):
             for k, row in enumerate(driven):
                 slow = phi * slow + row
                 noise[k] += 3e-4 * slow
-        series = _series(time, _bias(degc) + noise, degc, size, sd)
-        course = course_of(series)
-        table, _ = binned(series, course, default_width([(series, course)]))
+        table = _table(time, _bias(degc) + noise, degc, size, sd)
         tables.append(table)
         ratios.append((table.readings - _bias(table.temperature_degc)) / table.sd)
     # 80 degC in fortieths, up and down.
@@ -64,7 +67,7 @@ def test_bin_means_are_covered_by_their_uncertainties(correlation_s: float):
     scores = np.concatenate(ratios).ravel()
     assert 0.925 < np.mean(np.abs(scores) < 1.96) < 0.975
     assert 0.9 < np.std(scores) < 1.1
-    independent = np.mean([np.median(one.n_eff / one.n[:, None]) for one in tables])
+    independent = np.mean([np.median(one.frame.select(pl.col(INDEPENDENT) / pl.col("n"))) for one in tables])
     if correlation_s:
         assert independent < 0.5
     else:
@@ -81,14 +84,14 @@ def test_soaks_of_a_staircase_and_their_uncertainties():
     time = 0.5 * np.arange(len(degc))
     noise = 1e-3 / np.sqrt(20) * rng.standard_normal((len(time), 3))
     read = np.round((degc + 0.02 * rng.standard_normal(len(time))) * 16) / 16
-    series = _series(time, _bias(degc) + noise, read, 20, 1e-3)
-    table, _ = binned(series, course_of(series), 1.5)
+    table = _table(time, _bias(degc) + noise, read, 20, 1e-3, 1.5)
     soaks = table.rows(table.soak)
     np.testing.assert_allclose(soaks.temperature_degc, levels, atol=0.3)
     assert soaks.reached_by.tolist() == [1, 1, 1, 1, -1, -1, -1]
     assert soaks.branch == ("f:1 up",) * 4 + ("f:2 down",) * 3
-    ratio = table.sd * np.sqrt(table.n)[:, None] / 1e-3
-    assert soaks.n.min() > 50 * table.n[~table.soak].min()
+    n = table.frame["n"].to_numpy()
+    ratio = table.sd * np.sqrt(n)[:, None] / 1e-3
+    assert n[table.soak].min() > 50 * n[~table.soak].min()
     assert ratio.min() > 0.9
     assert np.median(ratio[~table.soak]) < 1.2
     assert ratio[table.soak].max() < 1.5
@@ -102,8 +105,7 @@ def test_the_resolution_of_the_thermometer_is_part_of_the_uncertainty():
     time = 0.5 * np.arange(len(true))
     read = np.round(true * 2) / 2
     force = _bias(true) + 1e-7 * rng.standard_normal((len(time), 3))
-    series = replace(_series(time, force, read, 10, 3e-7), resolution=resolution_of(read))
-    table, _ = binned(series, course_of(series), 2.0)
+    table = _table(time, force, read, 10, 3e-7, 2.0, resolution_of(read))
     soaks = table.rows(table.soak)
     assert len(soaks) == 6
     errors = (soaks.readings - _bias(soaks.temperature_degc)) / soaks.sd

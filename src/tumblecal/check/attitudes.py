@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from tumblecal.capture.journal import sha256_of
-from tumblecal.data.conditions import are_kelvin, temperature_faults
 from tumblecal.data.measured import MEASURED
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.own_tables import with_context
 from tumblecal.recordings.reduce import positions_or_rest
 from tumblecal.recordings.reduction import Reduction
 from tumblecal.recordings.thermal.attitudes import grouped
@@ -51,16 +51,7 @@ def still_attitudes(
     # Readings in m/s^2, and those of a capture, were divided by the gravity of the recording.
     in_ms2 = found.data.in_ms2 or any(recording.layout.unit == "ms2" for recording in found.dwells.read)
     data = replace(found.data, in_ms2=in_ms2 or "captured_in" in found.data.comments)
-    labels = {name: (text,) * len(data) for name in ("run", "mount") if (text := getattr(context, name))}
-    data = replace(data, **labels)  # type: ignore[arg-type]
-    warmth = data.temperature_degc
-    if warmth is not None and are_kelvin(warmth):
-        raise InputError(
-            f"{data.source}: temperatures {warmth.min():.4g} to {warmth.max():.4g} are in kelvin; write degC"
-        )
-    for row, fault in temperature_faults(warmth) if warmth is not None else ():
-        raise InputError(f"{data.source}: position {data.names[row]}: temperature {fault}")
-    found = replace(found, data=data)
+    found = replace(found, data=with_context(data, context))
     still_s = found.dwells.still_s
     if directions_of(found) < _FEWEST and (still_s or 0.0) < _LONG_S:
         known = "" if still_s is None else f", {still_s:.3g} s at rest"

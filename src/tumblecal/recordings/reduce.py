@@ -9,7 +9,7 @@ from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
 from tumblecal.data.files import read_positions
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.positions import PositionSet
-from tumblecal.data.raw import column_names, read_raw
+from tumblecal.data.raw import read_raw
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
@@ -21,11 +21,10 @@ from tumblecal.recordings.dwells.means import means_of
 from tumblecal.recordings.dwells.rest import dwells_at_rest
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.own_tables import are_samples, own_columns
 from tumblecal.recordings.reduction import Reduction, reduction_of
 
 
-# This many consecutive rows of one position are samples of a dwell.
-_LIKE_SAMPLES = 16
 _QUESTION = (
     "state how to find its positions: --static finds intervals at rest with unknown attitudes (hand-held), --plan PLAN.toml "
     "those of a plan, --by COLUMN goes by a column; --means takes each row for a mean"
@@ -72,15 +71,12 @@ def positions_or_rest(
 
 def _position_file(path: Path, context: KnownContext, options: RecordingOptions) -> PositionSet | None:
     """The positions of a table with angles; None for other files, and for tables of samples."""
-    if path.suffix not in (".csv", ".parquet") or not path.is_file():
-        return None
-    names = column_names(path)
-    if "alpha_deg" not in names or {"ax_g", "ax_mg", "ax_ms2"}.isdisjoint(names):
+    if "alpha_deg" not in own_columns(path):
         return None
     if context.means:
         return read_positions(path) if options == RecordingOptions(gravity=options.gravity) else None
     data = read_positions(path, one_of_several=True)
-    return None if len(data) >= _LIKE_SAMPLES * data.stretches else data
+    return None if are_samples(data) else data
 
 
 def dwells_of(
@@ -115,17 +111,9 @@ def dwells_of(
         return captured_dwells(path, context)
     if context.means:
         return means_of(path, known, options)
-    if usual and context == KnownContext() and _is_table(path):
+    if usual and context == KnownContext() and own_columns(path):
         return dwells_by_columns(read_raw(path), sha256_of(path)[:16])
     return _of_recordings(files, None, known, options, criterion)
-
-
-def _is_table(path: Path) -> bool:
-    """Whether a file has the columns of a table of this program, so that its faults are named by these columns."""
-    if not path.is_file() or path.suffix not in (".csv", ".parquet"):
-        return False
-    names = column_names(path)
-    return not names or not {"ax_g", "ax_mg", "ax_ms2", "position"}.isdisjoint(names)
 
 
 def _of_recordings(

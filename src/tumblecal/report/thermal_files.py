@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from tumblecal.data.calibration import write_calibration
 from tumblecal.data.calibration_table import COLUMNS, calibration_table
@@ -26,11 +27,11 @@ def write_thermal(folder: Path, result: ThermalResult) -> list[str]:
     """Write the result without its page; returns the names of the files."""
     write_calibration(folder / "calibration.json", result.calibration)
     write_text(folder / "thermal.json", json_text(thermal_record(result)))
-    _write_columns(folder / "bins.csv", result.table.columns(), result.table.position_comments)
+    _write_columns(folder / "bins.csv", result.table.frame, result.table.comments)
     names = ["calibration.json", "thermal.json", "bins.csv"]
     if result.curves is not None:
         rows = parameter_rows(result)
-        _write_columns(folder / "parameters.csv", {name: [row[name] for row in rows] for name in COLUMNS})
+        _write_columns(folder / "parameters.csv", pl.DataFrame(rows).select(COLUMNS))
         names.append("parameters.csv")
     return names
 
@@ -97,9 +98,6 @@ def _coefficients(result: ThermalResult) -> dict[str, dict[str, Any]]:
     }
 
 
-def _write_columns(path: Path, columns: Mapping[str, Any], comments: Mapping[str, str] = MappingProxyType({})) -> None:
-    import polars as pl
-
+def _write_columns(path: Path, table: pl.DataFrame, comments: Mapping[str, str] = MappingProxyType({})) -> None:
     lines = "".join(f"# {key}: {text}\n" for key, text in comments.items())
-    table = pl.DataFrame(dict(columns)).with_columns(all_as_text())
-    write_text(path, lines + table.write_csv())
+    write_text(path, lines + table.with_columns(all_as_text()).write_csv())

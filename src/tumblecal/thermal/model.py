@@ -52,9 +52,7 @@ class ThermalModel:
         """The settings of the rows."""
         table = self.table
         known = table.known_attitudes
-        angles = directions_of(table)
-        if table.alpha_deg is not None and table.beta_deg is not None:
-            angles = table.alpha_deg, table.beta_deg
+        angles = (table.alpha_deg, table.beta_deg) if known else directions_of(table)
         alpha, beta = (np.radians(angle) for angle in angles)
         return settings(
             alpha,
@@ -108,7 +106,7 @@ class ThermalModel:
             sd=table.sd,
             time_s=table.time_s,
             temperature_degc=table.temperature_degc,
-            comments=table.position_comments,
+            comments=table.comments,
             source=table.source,
             files=table.files,
         )

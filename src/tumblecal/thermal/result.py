@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import polars as pl
 from jaxtyping import Float
 
 from tumblecal.chain.following import CHANGE
@@ -17,7 +18,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import sensor_of
 from tumblecal.estimation.linear_calibration import calibration_with
 from tumblecal.ground.axes import AXES
-from tumblecal.recordings.thermal.thermal_table import ThermalTable
+from tumblecal.recordings.thermal.thermal_table import SDS, ThermalTable
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.choice import Choice, Stated, chosen_model
 from tumblecal.thermal.expanded import Test, expanded_g, span_of_bias
@@ -127,7 +128,8 @@ def _fitted(choice: Choice) -> tuple[Fit, Test]:
     factor = max(1.0, float(np.sqrt(square / dof))) if dof >= _ONE else 1.0
     misfit_g = max(noise_of(table) * np.sqrt(factor**2 - 1), _misfit_of_attitudes(table, fit, stated))
     if factor > 1:
-        fit = exact.fit(replace(model, table=replace(table, sd=factor * table.sd)).problem, fit.values)
+        scaled = table.frame.with_columns(pl.col(SDS) * factor)
+        fit = exact.fit(replace(model, table=replace(table, frame=scaled)).problem, fit.values)
     unchosen = sum(choice.design.families[leaf].shape[1] for leaf in choice.highest if not choice.orders.get(leaf))
     return fit, Test(factor, float(misfit_g), dof - unchosen - _repeated(table))
 

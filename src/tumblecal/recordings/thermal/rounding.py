@@ -5,6 +5,8 @@ from numpy.typing import NDArray
 
 
 _HARMONICS = np.arange(1, 200)
+# Variance of the harmonics beyond these, in squared steps, which matter only without noise.
+_REST = (np.pi**2 / 6 - (1 / _HARMONICS**2).sum()) / (2 * np.pi**2)
 
 
 def rounding_sd(step: NDArray[np.float64], noise_sd: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -20,13 +22,8 @@ def rounding_sd(step: NDArray[np.float64], noise_sd: NDArray[np.float64]) -> NDA
     """
     ratio = noise_sd / np.where(step > 0, step, 1.0)
     damping = np.exp(-4 * np.pi**2 * _HARMONICS**2 * ratio[..., None] ** 2) / _HARMONICS**2
-    return step * np.sqrt(damping.sum(-1) / (2 * np.pi**2) + (step > 0) * _rest(ratio))
-
-
-def _rest(ratio: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Harmonics beyond those summed, which matter only without noise."""
-    whole = np.pi**2 / 6 - (1 / _HARMONICS**2).sum()
-    return np.where(ratio < 1e-4, whole / (2 * np.pi**2), 0.0)
+    rest = np.where(ratio < 1e-4, _REST, 0.0) * (step > 0)
+    return step * np.sqrt(damping.sum(-1) / (2 * np.pi**2) + rest)
 
 
 def noise_before_rounding(step: NDArray[np.float64], sample_sd: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,19 +1,34 @@
 """Readings over temperature: one row for each attitude, branch of the temperature, and temperature bin or soak."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
-from numpy.typing import ArrayLike
+import polars as pl
+from jaxtyping import Bool
 
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
-from tumblecal.ground.errors import InputError
 
 
-_VECTORS = ("readings", "sd", "n_eff")
-_NUMBERS = ("alpha_deg", "beta_deg", "n", "temperature_degc", "time_s", "rate_degc_per_s", "direction", "reached_by")
-_LABELS = ("attitude", "branch", "clock", "mount")
+READINGS, SDS, INDEPENDENT = ([f"a{axis}{suffix}" for axis in "xyz"] for suffix in ("_g", "_sd_g", "_n_eff"))
+COLUMNS = ("position", "branch", "run", "mount", "alpha_deg", "beta_deg", "n", "temperature_degc", "time_s",
+           "rate_degc_per_s", "direction", "reached_by", *READINGS, *SDS, *INDEPENDENT)  # fmt: skip
+
+
+def _column(name: str, *more: str) -> "cached_property[Any]":
+    """A column as an array (rows), several as an array (rows, columns), labels as a tuple; None if it is absent."""
+
+    def values(table: "ThermalTable") -> Any:
+        if name not in table.frame.columns:
+            return None
+        if more:
+            return table.frame.select(name, *more).to_numpy(order="c")
+        column = table.frame[name]
+        return tuple(column) if column.dtype == pl.String else column.to_numpy()
+
+    return cached_property(values)
 
 
 @dataclass(frozen=True)
@@ -22,62 +37,46 @@ class ThermalTable:
 
     **Arguments:**
 
-    - `attitude`: label; rows with one label have the same direction of gravity. `readings` (rows, 3): g.
+    - `frame`: a row for each mean, with the names and the units of a position file (`COLUMNS`). `source`: name of the
+      recordings, `files`: their paths. `comments`: stated gravity, serial number and others, as of a position file.
+
+    **Columns**, as arrays (rows) and labels:
+
+    - `attitude` (column `position`): label; rows with one label have the same direction of gravity. `readings` (rows, 3): g.
     - `sd` (rows, 3): standard deviation of each mean at its temperature, g, with the autocorrelation of the noise, the rounding
       of readings, and the noise and resolution of the thermometer. It is relative to the rows before and after: slower noise is
       common to neighbours.
-    - `n`: samples of each row. `n_eff` (rows, 3): number of independent samples with the same noise of the mean.
+    - columns `n`: samples of each row; `ax_n_eff` ..: number of independent samples with the same noise of the mean.
     - `temperature_degc`, `rate_degc_per_s`: means of the smoothed temperature and of its rate. `time_s`: middle, by the clock
-      `clock` (label of a recording, or of its part after a restart of the clock); times of different clocks are not comparable.
+      `clock` (column `run`: label of a recording, or of its part after a restart of the clock); times of different clocks are
+      not comparable.
     - `branch`: label of the monotonic stretch of the temperature (`file:1 up`), to which its soaks belong.
     - `direction`: +1 while the temperature rises, -1 while it falls, 0 in a soak. `reached_by`: +1 if the stretch of the row
       rises (a soak reached from a lower temperature), -1 if it falls, 0 if the temperature does not change.
     - `alpha_deg`, `beta_deg`: angles of the attitude; None if attitudes are unknown. `mount`: label of the mounting, or None.
-    - `source`: name of the recordings, `files`: their paths. `comments`: stated gravity, serial
-      number and others, as of a position file.
-
-    **Raises:** `InputError` for columns of different lengths, numbers that are not finite, or `sd` not above 0.
     """
 
-    attitude: tuple[str, ...]
-    readings: Float[np.ndarray, "rows 3"]
-    sd: Float[np.ndarray, "rows 3"]
-    n: Float[np.ndarray, " rows"]
-    temperature_degc: Float[np.ndarray, " rows"]
-    time_s: Float[np.ndarray, " rows"]
-    rate_degc_per_s: Float[np.ndarray, " rows"]
-    branch: tuple[str, ...]
-    direction: Int[np.ndarray, " rows"]
-    reached_by: Int[np.ndarray, " rows"]
-    clock: tuple[str, ...]
-    n_eff: Float[np.ndarray, "rows 3"]
-    alpha_deg: Float[np.ndarray, " rows"] | None = None
-    beta_deg: Float[np.ndarray, " rows"] | None = None
-    mount: tuple[str, ...] | None = None
+    frame: pl.DataFrame
     source: str = "recording"
-    comments: Mapping[str, str] = field(default_factory=dict)
+    comments: dict[str, str] = field(default_factory=dict)
     files: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        rows = len(self.attitude)
-        for name in (*_VECTORS, *_NUMBERS):
-            values: np.ndarray | None = getattr(self, name)
-            if values is None:
-                continue
-            wanted = (rows, 3) if name in _VECTORS else (rows,)
-            if values.shape != wanted:
-                raise InputError(f"{self.source}: {name} has the shape {values.shape}; it must be {wanted}")
-            if not np.isfinite(values).all():
-                raise InputError(f"{self.source}: {name} has numbers that are not finite; remove these rows")
-        for name in _LABELS:
-            labels = getattr(self, name)
-            if labels is not None and len(labels) != rows:
-                raise InputError(f"{self.source}: {name} has {len(labels)} labels; it must have {rows}")
-        if not (self.sd > 0).all():
-            raise InputError(f"{self.source}: sd must be above 0")
+    attitude = _column("position")
+    branch = _column("branch")
+    clock = _column("run")
+    mount = _column("mount")
+    alpha_deg = _column("alpha_deg")
+    beta_deg = _column("beta_deg")
+    temperature_degc = _column("temperature_degc")
+    time_s = _column("time_s")
+    rate_degc_per_s = _column("rate_degc_per_s")
+    direction = _column("direction")
+    reached_by = _column("reached_by")
+    readings = _column(*READINGS)
+    sd = _column(*SDS)
 
     def __len__(self) -> int:
-        return len(self.attitude)
+        return len(self.frame)
 
     @property
     def known_attitudes(self) -> bool:
@@ -90,6 +89,11 @@ class ThermalTable:
         return tuple(dict.fromkeys(self.attitude))
 
     @property
+    def means_by_attitude(self) -> pl.DataFrame:
+        """The mean readings, g, of each attitude (`position`)."""
+        return self.frame.group_by("position", maintain_order=True).agg(pl.col(READINGS).mean())
+
+    @property
     def range_degc(self) -> tuple[float, float]:
         """Lowest and highest temperature of a row."""
         return float(self.temperature_degc.min()), float(self.temperature_degc.max())
@@ -97,44 +101,22 @@ class ThermalTable:
     @property
     def soak(self) -> np.ndarray:
         """Mask of the rows of soaks."""
-        return np.asarray(self.direction == 0)
+        return self.direction == 0
 
-    def rows(self, which: ArrayLike) -> "ThermalTable":
-        """The rows of a mask or of indices."""
-        index = np.arange(len(self))[np.asarray(which)]
-        stated = {
-            name: values for name in (*_VECTORS, *_NUMBERS, *_LABELS) if (values := getattr(self, name)) is not None
-        }
-        chosen = {
-            name: tuple(np.array(v)[index].tolist()) if name in _LABELS else v[index] for name, v in stated.items()
-        }
-        return replace(self, **chosen)
-
-    @property
-    def position_comments(self) -> dict[str, str]:
-        """The comments of a position file with these rows."""
-        return dict(self.comments) | ({} if self.known_attitudes else {ATTITUDES: UNKNOWN})
-
-    def columns(self) -> dict[str, Sequence[object]]:
-        """The columns by their names in a position file."""
-        vectors = {f"a{axis}{suffix}": values[:, k].tolist()
-                   for suffix, values in (("_g", self.readings), ("_sd_g", self.sd), ("_n_eff", self.n_eff))
-                   for k, axis in enumerate("xyz")}  # fmt: skip
-        labels = {{"attitude": "position", "clock": "run"}.get(name, name): getattr(self, name) for name in _LABELS}
-        numbers = {name: getattr(self, name) for name in _NUMBERS}
-        listed = {name: None if values is None else values.tolist() for name, values in numbers.items()}
-        return {name: values for name, values in (labels | listed | vectors).items() if values is not None}
+    def rows(self, mask: Bool[np.ndarray, " rows"]) -> "ThermalTable":
+        """The rows of a mask."""
+        return replace(self, frame=self.frame.filter(mask))
 
 
-def joined(tables: Sequence[ThermalTable], source: str) -> ThermalTable:
-    """The rows of several tables. Angles and mountings that only some tables state are kept only if all of them have them."""
+def joined(tables: Sequence[ThermalTable]) -> ThermalTable:
+    """The rows of several tables, with the columns that all of them have, and the comments that are the same in all. The
+    comment of unknown attitudes depends on the angles alone."""
     first, *others = tables
-    if not others:
-        return replace(first, source=source)
-    columns: dict[str, object] = {}
-    for name in (*_VECTORS, *_NUMBERS, *_LABELS):
-        parts = [getattr(table, name) for table in tables]
-        stated = all(part is not None for part in parts)
-        columns[name] = (sum(parts, ()) if name in _LABELS else np.concatenate(parts)) if stated else None
+    frame = pl.concat((table.frame for table in tables), how="diagonal_relaxed")
+    known = [name for name in COLUMNS if name in frame.columns and not frame[name].null_count()]
     same = {key: text for key, text in first.comments.items() if all(t.comments.get(key) == text for t in others)}
-    return replace(first, **columns, source=source, comments=same)  # type: ignore[arg-type]
+    same.pop(ATTITUDES, None)
+    if "alpha_deg" not in known:
+        same[ATTITUDES] = UNKNOWN
+    source = first.source + (f" and {len(others)} more" if others else "")
+    return ThermalTable(frame.select(known), source, same, tuple(dict.fromkeys(table.source for table in tables)))
