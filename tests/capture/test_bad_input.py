@@ -11,15 +11,14 @@ from test_recorder import Rig
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.checks import exclusive_or
-from tumblecal.capture.decoding.samples import Event, Settings
+from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.decoding.sniff import described, guesses
-from tumblecal.capture.journal import Journal, RunState
+from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.run import contact
-from tumblecal.capture.run.identity import Identity
-from tumblecal.capture.run.run_folder import begin
+from tumblecal.capture.run.run_folder import RunFolder, begin
 from tumblecal.ground.errors import InputError
 
 
@@ -71,7 +70,8 @@ def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
     try:
         if feed:
             rig.run(feed)
-        contact.meet(stream, plan, RunState())
+        with RunFolder(tmp_path, plan, Journal(tmp_path)) as run:
+            contact.Contact(run, stream).meet()
     finally:
         recording.stop()
         rig.instrument.port.unplug()
@@ -113,18 +113,6 @@ def test_sniffing(name: str) -> None:
     data = how.encode(some_samples(120), settings)[13:]
     best = guesses(data)[0]
     assert best.name == name and best.explained > 0.95
-
-
-def test_another_unit_or_other_settings(tmp_path: Path) -> None:
-    journal = Journal(tmp_path)
-    journal.write("device", serial_number="N1", events=[{"kind": "configuration", "raw": "bc01"}])
-    identity = Identity(journal, lambda query: None, (), trust=True)
-    with pytest.raises(InputError, match="began with serial number N1, but N2 is connected"):
-        identity.check([Event(0, "serial_number", {"serial_number": "N2"})])
-    with pytest.raises(InputError, match="settings of the instrument differ"):
-        identity.check([Event(0, "configuration", {"raw": "bc02"})])
-    identity.check([Event(0, "serial_number", {"serial_number": "N1"}), Event(0, "configuration", {"raw": "bc01"})])
-    journal.close()
 
 
 def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:

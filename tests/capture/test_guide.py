@@ -74,7 +74,7 @@ def test_an_instrument_of_a_kind_without_serial_numbers_is_confirmed_by_the_oper
         fed.feed()
     assert fed.guide.phase == Phase.SETTLING and fed.entries("rejected")[0]["reason"] == "identity not confirmed"
     assert "identity not confirmed" in line_of(fed.guide) and "press Enter if it is the same one" in line_of(fed.guide)
-    fed.guide.press("\n")
+    fed.press("\n")
     fed.until(Phase.FINISHED)
     assert [entry["entry"] for entry in fed.state.doubts] == ["identity_not_confirmed", "identity_trusted"]
     assert not fed.state.to_confirm

@@ -3,15 +3,19 @@
 import contextlib
 import json
 import time
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from bench import CaptureProcess, Emulator
 
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.journal import Journal, read_journal, replayed
-from tumblecal.capture.run.contact import WAITS_S
-from tumblecal.capture.run.identity import Identity
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.run.contact import WAITS_S, Contact
+from tumblecal.capture.run.run_folder import RunFolder
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.reduce import reduced
@@ -88,8 +92,11 @@ def test_questions_are_bounded_and_grow_and_a_late_answer_counts(tmp_path, monke
     journal = Journal(tmp_path)
     journal.write("device", serial_number="N1", events=[{"kind": "configuration", "raw": "aa"}])
     journal.write("accepted", position=0, attempt=1, log_start=0, log_stop=1, sha256="", summary={})
-    identity = Identity(journal, lambda query: sent.append(now[0]), (b"I\r",), trust=False)
-    identity.interrupted({"event": "reopened"}, 1.0)
+    plan = CapturePlan.model_validate({"positions": {"alpha_deg": [0, 90], "beta_deg": [0]}})
+    recording = SimpleNamespace(send=lambda query: sent.append(now[0]))
+    stream = SimpleNamespace(recording=recording, protocol=replace(protocol("stim300"), queries=(b"I\r",)))
+    identity = Contact(RunFolder(tmp_path, plan, journal), stream)  # type: ignore[arg-type]
+    identity.interrupted({"event": "reopened"})
     while not identity.hear([], 1):
         now[0] += 0.01
     np.testing.assert_allclose(sent, np.concatenate([[0], np.cumsum(WAITS_S)[:-1]]), atol=0.1)

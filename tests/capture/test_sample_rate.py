@@ -13,12 +13,13 @@ import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.losses import Rates, losses_from_time
-from tumblecal.capture.journal import RunState
+from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.run.contact import meet
+from tumblecal.capture.run.contact import Contact
 from tumblecal.capture.run.dwell import losses_of
+from tumblecal.capture.run.run_folder import RunFolder
 
 
 class Board:
@@ -53,7 +54,8 @@ def test_a_backlog_does_not_change_the_rate(tmp_path: Path) -> None:
     how = protocol("text")
     stream = LiveStream(recording, how, None, how.decoder_options(plan.port.columns, plan.port.unit))
     try:
-        assert meet(stream, plan, RunState()).rate_hz == pytest.approx(100, rel=0.03)
+        with RunFolder(tmp_path, plan, Journal(tmp_path)) as run:
+            assert Contact(run, stream).meet() == pytest.approx(100, rel=0.03)
     finally:
         recording.stop()
         board.close()

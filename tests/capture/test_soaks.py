@@ -7,6 +7,7 @@ import select
 import threading
 import tty
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -88,6 +89,21 @@ def test_a_soak_is_finished_before_the_next_one_begins() -> None:
     assert order == [0, 2, 1, 5, 3, 4]
 
 
+class AtOnce:
+    """A thread whose answers are there at once."""
+
+    def __init__(self, number: int):
+        self.shutdown = lambda: None
+
+    def submit(self, asked: Callable, *arguments: object) -> Future:
+        future = Future()
+        try:
+            future.set_result(asked(*arguments))
+        except InputError as error:
+            future.set_exception(error)
+        return future
+
+
 class FakeChamber:
     """A chamber whose set points are listed, and whose answer the test states."""
 
@@ -115,6 +131,7 @@ def over_temperature(folder: Path, monkeypatch: pytest.MonkeyPatch, chamber: Fak
     clock, beginning = [], 1000.0
     monkeypatch.setattr(soak, "time", SimpleNamespace(monotonic=lambda: clock[0].now_s if clock else beginning))
     monkeypatch.setattr(soak, "_QUERY_S", 1.0)
+    monkeypatch.setattr(soak, "ThreadPoolExecutor", AtOnce)
     positions = {"beta_deg": [0], "alpha_deg": [0, 180], "temperature_degc": [25, 40]}
     fed = HandFed(
         folder, chamber=chamber, positions=positions, soak=criterion | more, chamber_table={"finish_degc": 20.0}
@@ -130,7 +147,7 @@ def test_a_soak_is_waited_for_once_and_again_only_when_the_temperature_left(tmp_
     assert guide.phase == Phase.SOAK and "set the chamber to 25 degC" in line_of(guide) and chamber.set == [25]
     for _ in range(60):
         fed.feed(degc=25.3)
-    assert "set to 25 degC: sensor 25.30 degC" in note_of(guide)
+    assert "chamber to 25 degC (by fake): sensor 25.30 degC" in note_of(guide)
     fed.until(Phase.RECORDING, 25.3)
     fed.until(Phase.TURN, 25.3)
     # The second position of the soak: no wait.
@@ -141,14 +158,14 @@ def test_a_soak_is_waited_for_once_and_again_only_when_the_temperature_left(tmp_
     assert "left 25 +- 1 degC" in guide.alarm
     fed.until(Phase.SOAK, 25.4)
     assert header_of(guide) == "SOAK soak 2 of 2, 2 of 4 done" and fed.entries("soak")[-1]["requested_degc"] == 40
-    guide.press("b")
+    fed.press("b")
     assert "a soak that is over" in guide.alarm and len(fed.state.accepted) == 2
     # Steady, but not at 40: reported, and accepted by Enter; this is then the temperature of the soak.
     chamber.answer = 40.0
     for _ in range(240):
         fed.feed(degc=43.2)
-    assert "steady at 43.2 degC, 3.2 degC above 40" in guide.alarm and "soak.offset_degc = 3.2" in guide.alarm
-    guide.press("\n")
+    assert "steady at 43.2 degC, +3.2 degC from 40" in guide.alarm and "soak.offset_degc = 3.2" in guide.alarm
+    fed.press("\n")
     fed.turned = 1.0
     fed.until(Phase.RECORDING, 43.3)
     fed.until(Phase.TURN, 43.3)
@@ -170,7 +187,7 @@ def test_a_soak_is_waited_for_once_and_again_only_when_the_temperature_left(tmp_
 @pytest.mark.parametrize(
     ("degc", "chamber", "words"),
     [
-        (lambda t: 77.0 + 1e-3 * (t % 2), 25.0, "steady at 77.0 degC, 52.0 degC above 25: check the set point and the"),
+        (lambda t: 77.0 + 1e-3 * (t % 2), 25.0, "steady at 77.0 degC, +52.0 degC from 25: check the set point and the"),
         (lambda t: 15.0 - 0.3 * t / 60, None, "sensor 13.80 degC, -0.300 degC/min"),
         (lambda t: 25 + 0.9 * np.sin(t / 20), None, "stable for 0."),
         (lambda t: np.nan, None, "neither instrument nor chamber state a temperature; press Enter when it is stable"),
@@ -203,12 +220,11 @@ def test_without_a_thermometer_in_the_instrument_the_operator_decides(tmp_path, 
     fed.turned = -1.0
     fed.until(Phase.SOAK)
     fed.feed()
-    assert "press Enter when it is stable" in fed.guide.alarm
+    assert "press Enter when it is stable" in note_of(fed.guide)
     # Postponed, and then requested again as the only soak that is left.
-    fed.guide.press("s")
+    fed.press("s")
     assert fed.state.postponed == {1} and fed.guide.phase == Phase.SOAK
-    fed.guide.press("\n")
-    fed.feed()
+    fed.press("\n")
     assert fed.guide.phase == Phase.TURN
 
 
@@ -308,7 +324,7 @@ def test_a_line_to_the_chamber_that_was_cut_is_opened_again(tmp_path: Path) -> N
     with pytest.raises(InputError, match="oven: the line is interrupted"):
         chamber.set_temperature(20)
     (tmp_path / "oven").unlink()
-    with pytest.raises(InputError, match=r"chamber: port .*oven: there is no such device"):
+    with pytest.raises(InputError, match=r"chamber .*oven: port .*oven: there is no such device"):
         chamber.temperature()
     with scripted(tmp_path / "oven", lambda command: b"21.0\n"):
         assert chamber.temperature() == 21.0

@@ -2,14 +2,18 @@
 
 import platform
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.journal import PLAN_NAME, Journal, RunState, read_journal, replayed, sha256_of
+from tumblecal.capture.decoding.samples import Settings
+from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME, Journal, RunState, sha256_of
 from tumblecal.capture.port.recorder import clocks
-from tumblecal.capture.protocols import protocol
+from tumblecal.capture.protocols import Protocol, protocol
+from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.ground.atomic import writable_folder, written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.toml_faults import faults_at
@@ -57,8 +61,7 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
         protocol(plan.port.protocol)
     writable_folder(folder)
     _check_room(plan, folder)
-    journal = Journal(folder)
-    try:
+    with _locked(folder) as journal:
         if journal.state.devices or journal.state.attempts:
             raise InputError(
                 f"{folder}: contains a capture already; resume it by --resume {folder}, or give another folder"
@@ -80,9 +83,6 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
             clocks=clocks(),
         )
         return RunFolder(folder, plan, journal)
-    except BaseException:
-        journal.close()
-        raise
 
 
 def resume(folder: Path, port: str | None = None) -> RunFolder:
@@ -90,8 +90,24 @@ def resume(folder: Path, port: str | None = None) -> RunFolder:
 
     **Raises:** `InputError` if there is none, another process has locked it, or its plan was changed.
     """
-    plan = plan_of_run(folder, replayed(read_journal(folder)))
-    return RunFolder(folder, _with_port(plan, port), Journal(folder))
+    path = folder / JOURNAL_NAME
+    if not path.is_file():
+        raise InputError(f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture")
+    with _locked(folder) as journal:
+        if not journal.state.session:
+            raise InputError(f"{path}: contains no capture; it may have been ended before the first entry")
+        return RunFolder(folder, _with_port(plan_of_run(folder, journal.state), port), journal)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[Journal]:
+    """The journal, which is released if what follows fails."""
+    journal = Journal(folder)
+    try:
+        yield journal
+    except BaseException:
+        journal.close()
+        raise
 
 
 def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
@@ -110,6 +126,13 @@ def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
             f"{folder}: the journal has positions that {PLAN_NAME} does not have; restore both from a copy"
         )
     return plan
+
+
+def settings_of_run(state: RunState, plan: CapturePlan, device: Protocol) -> Settings | None:
+    """Range and rate of the device: as it stated them in the run, otherwise from the plan."""
+    if state.configuration is not None:
+        return settings_of(state.configuration)
+    return device.settings(plan.port.range_g, state.device.get("rate_hz") or plan.port.rate_hz)
 
 
 def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:

@@ -15,9 +15,8 @@ from tumblecal.capture.decoding.samples import Samples, Settings, Status
 from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, Attempt, RunState, read_journal, replayed, sha256_of
 from tumblecal.capture.log import RecordKind, read_log
 from tumblecal.capture.protocols import Protocol, protocol
-from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.run.dwell import losses_of
-from tumblecal.capture.run.run_folder import plan_of_run
+from tumblecal.capture.run.run_folder import plan_of_run, settings_of_run
 from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment
 from tumblecal.data.position_comments import NOT_CONFIRMED, identity_words
 from tumblecal.ground.counted import counted
@@ -141,7 +140,7 @@ def _decoded(
     """One position: good samples (n, 3) in local g, their temperatures, degC, time of the middle, s, entries of
     reduction.json, and arguments of `check_dwell`."""
     plan, state = run
-    settings = _settings_of(state, plan, device)
+    settings = settings_of_run(state, plan, device)
     options = device.decoder_options(plan.port.columns, plan.port.unit, whole=True)
     samples, host_s, attempted, specials = _stretch(raw, attempt, device, settings, options)
     losses = losses_of(device, samples, host_s, rate_hz, attempted, specials)
@@ -165,14 +164,6 @@ def _decoded(
             "rate_fault": losses.rates.words(rate_hz * plan.port.speed),
         },
     )
-
-
-def _settings_of(state: RunState, plan: CapturePlan, device: Protocol) -> Settings | None:
-    """Range and rate: as the device stated when the run began, otherwise from the plan."""
-    stated = state.configuration
-    if stated is not None and "range_g" in stated:
-        return settings_of(stated)
-    return device.settings(plan.port.range_g, float(state.device["rate_hz"]))
 
 
 def _stretch(
