@@ -83,10 +83,7 @@ class TextChamber:
                 self._port = Port(self.name, self._table.baud)
                 for first in self._table.start:
                     self._send(self._port, first)
-            if field:
-                return self._answer(self._port, command, field)
-            self._send(self._port, command)
-            return math.nan
+            return self._answer(self._port, command, field)
         except InputError as error:
             raise InputError(f"chamber {self.name}: {error}") from error
         except OSError as error:
@@ -105,6 +102,8 @@ class TextChamber:
         seen = ""
         for _ in range(_TRIES):
             self._send(port, query)
+            if not field:
+                return math.nan
             answer, late, late_s = b"", False, time.monotonic() + self._table.timeout_s
             while not late:
                 time.sleep(_POLL_S)

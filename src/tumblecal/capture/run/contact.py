@@ -21,12 +21,14 @@ from tumblecal.ground.errors import InputError
 # Seconds to wait for an answer after each question, and between two commands.
 WAITS_S = (1.0, 2.0, 3.0, 4.0, 6.0)
 _BETWEEN_S = 0.05
+# The answers by which an instrument is recognised: kinds of events, and the keys of their contents.
+_STATED = {"serial_number": "serial_number", "configuration": "raw"}
 # Shortest time in which an instrument can be exchanged behind the same adapter, s.
 _EXCHANGE_S = 3.0
 _FIRST_DATA_S = 4.0
 _FEWEST_FRAMES, _FEWEST_BYTES = 20, 40
-# Stretches by which the sample rate is measured: their length, how many, and differences that two may have.
-_STRETCH_S, _MOST_STRETCHES, _SAME_SHARE, _SAME_COUNT = 1.5, 12, 0.03, 2
+# Length of a stretch by which the sample rate is measured, and how far it may be from a usual one.
+_STRETCH_S, _SAME_SHARE = 2.0, 0.03
 _USUAL_HZ = (10, 20, 25, 50, 100, 120, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000)
 
 # Sleeps for some seconds; may raise to end the wait.
@@ -90,14 +92,14 @@ class Contact:
         is not the one of the plan or of the run.
         """
         stream, state, port = self._stream, self._journal.state, self._plan.port
-        protocol, events, frames, begun_s = stream.protocol, list[Event](), 0, time.monotonic()
-        wanted = {"serial_number"} if protocol.queries else set()
-        wanted |= {"configuration"} if protocol.range_from_stream else set()
+        protocol, events, stated = stream.protocol, list[Event](), dict[str, Any]()
         # An instrument that stated its serial number before can do so again: its answer may only be late.
         patient = protocol.range_from_stream or state.serial_number is not None
         self._connected(WAITS_S if patient else WAITS_S[:1])
-        late = False
-        while frames < (1 if late else _FEWEST_FRAMES) or not (wanted <= {e.kind for e in events} or not self._ask()):
+        wanted = {"serial_number"} if protocol.queries else set()
+        wanted |= {"range_g"} if protocol.range_from_stream else set()
+        frames, late, late_s = 0, False, time.monotonic() + _FIRST_DATA_S
+        while frames < (1 if late else _FEWEST_FRAMES) or not (wanted <= stated.keys() or not self._ask()):
             if late and not frames:
                 words = described(stream.recent, port.protocol)
                 if (received := stream.tally.bytes) < _FEWEST_BYTES:
@@ -105,12 +107,13 @@ class Contact:
                 raise InputError(f"port {port.url} at {stream.recording.baud} baud: {words}")
             part = stream.poll()
             events += part.events
+            for event in part.events:
+                stated |= event.content
             frames += len(part.samples)
-            late = time.monotonic() > begun_s + _FIRST_DATA_S
+            late = time.monotonic() > late_s
             pause(0.05)
         self.asking = False
         self._check(events)
-        stated = {key: value for event in events for key, value in event.content.items()}
         range_g, stated_rate_hz = stated.get("range_g"), stated.get("rate_hz") or state.device.get("rate_hz")
         if protocol.range_from_stream and range_g is port.range_g is state.configuration is None:
             raise InputError(
@@ -188,23 +191,15 @@ class Contact:
         **Raises:** `InputError` if it is a different instrument, or has different settings.
         """
         state = self._journal.state
-        began, settings = state.serial_number, (state.configuration or {}).get("raw")
+        began = {"serial_number": state.serial_number, "configuration": (state.configuration or {}).get("raw")}
         for event in events:
+            before, now = began.get(event.kind), event.content.get(_STATED.get(event.kind, ""))
             if event.kind == "serial_number":
-                self.serial_number = str(event.content["serial_number"])
-                if began not in (None, self.serial_number):
-                    raise InputError(
-                        f"this run began with serial number {began}, but {self.serial_number} is connected: connect {began}, "
-                        "or begin a new run"
-                    )
-            elif (
-                event.kind == "configuration"
-                and None not in (settings, raw := event.content.get("raw"))
-                and raw != settings
-            ):
+                self.serial_number = now
+            if None not in (before, now) and before != now:
                 raise InputError(
-                    "the settings of the instrument differ from those of this run: restore them, then --resume, or begin a "
-                    "new run"
+                    f"this run began with {event.kind.replace('_', ' ')} {before}, but {now} is connected: connect the "
+                    "instrument of this run, with its settings, then --resume, or begin a new run"
                 )
 
     def _concluded(self, position: int, *, missed: bool) -> None:
@@ -222,19 +217,16 @@ class Contact:
             self.trusted()
 
     def _measured_hz(self, pause: Pause) -> float:
-        """The sample rate by the host's clock, if neither device nor plan state it: of two successive stretches that agree.
+        """The sample rate by the host's clock, if neither device nor plan state it.
 
-        Samples that the device sent before the port was opened arrive together at first.
+        Samples that the device sent before the port was opened arrive together at first, so the second stretch is used.
         """
-        rates, agree, counts = list[float](), False, self._stream.tally.counts
-        while not agree and len(rates) < _MOST_STRETCHES:
+        measured, counts = 0.0, self._stream.tally.counts
+        for _ in range(2):
             start_s, first = time.monotonic(), counts.frames
-            while time.monotonic() - start_s < _STRETCH_S:
+            while time.monotonic() < start_s + _STRETCH_S:
                 self._stream.poll()
                 pause(0.05)
-            rates.append((counts.frames - first) / (time.monotonic() - start_s))
-            limit = _SAME_SHARE * rates[-1] + _SAME_COUNT / _STRETCH_S
-            agree = len(rates) > 1 and abs(rates[-1] - rates[-2]) <= limit
-        measured = max((rates[-1] + min(rates[-2:])) / 2 / self._plan.port.speed, 1.0)
+            measured = max((counts.frames - first) / (time.monotonic() - start_s) / self._plan.port.speed, 1.0)
         near = min(_USUAL_HZ, key=lambda usual: abs(usual / measured - 1))
         return float(near) if abs(near / measured - 1) < _SAME_SHARE else measured

@@ -166,6 +166,7 @@ class Guide:
 
     def _press(self, key: str) -> None:
         """Act on a key."""
+        before = self._previous
         match key:
             case "\n" | "\r" if self.contact.doubted:
                 self.contact.trusted()
@@ -175,19 +176,16 @@ class Guide:
                 # The first time, a head that was not turned is reported.
                 verdict = self._verdict()
                 if verdict.fault == NOT_TURNED and not self._position_alarm:
-                    self._mistaken(verdict)
+                    self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
                 else:
                     self._forced = True
                     self._journal.write("forced", position=self.position, text=verdict.text)
             case "r":
                 self._repeat("operator")
-            case "b" if self._previous in self.state.accepted:
-                before, self._previous = self._previous, None
-                if self.plan.soaks[before] != self.plan.soaks[self.position]:
-                    self._position_alarm = "the previous position belongs to a soak that is over; it is not repeated"
-                    return
+            case "b" if before in self.state.accepted and self.plan.soaks[before] == self.plan.soaks[self.position]:
                 self.interrupt("repeat of the previous position")
                 self._journal.write("withdrawn", position=before)
+                self._previous = None
                 raise _Leave(before)
             case "s":
                 self.interrupt("skipped")
@@ -207,8 +205,10 @@ class Guide:
             self.interrupt(why)
             raise _Leave(self.position, why)
 
-    def _warn(self, text: str, **content: object) -> None:
-        self._journal.write("warned", position=self.position, text=text, **content)
+    def _report(self, entry: str, text: str, **content: object) -> None:
+        """Write a fault at this position into the journal, show it, and ring."""
+        self._journal.write(entry, position=self.position, text=text, **content)
+        self._position_alarm = text
         self._bell()
 
     def _measure(self, position: int) -> Iterator[None]:
@@ -264,13 +264,8 @@ class Guide:
         verdict = self._verdict()
         begun = verdict.fault != NOT_TURNED or self.watch.moved
         if verdict.fault and begun and verdict.text != self._position_alarm:
-            self._mistaken(verdict)
+            self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
         return not verdict.fault
-
-    def _mistaken(self, verdict: Verdict) -> None:
-        self._position_alarm = verdict.text
-        self._journal.write(verdict.fault, position=self.position, text=verdict.text, off_deg=verdict.off_deg)
-        self._bell()
 
     def _record(self, position: int) -> Iterator[None]:
         """One dwell, which is accepted or rejected."""
@@ -290,7 +285,7 @@ class Guide:
             after.append((yield from self._wait())[0])
         losses = dwell.losses(self.stream.protocol, after)
         if other_rate := losses.rates.words(self.rate_hz * self.plan.port.speed):
-            self._warn(other_rate)
+            self._report("warned", other_rate)
         if why := dwell.refusal(losses, self.plan.limits):
             self._repeat(why)
         # First the bytes, then the entry.
@@ -317,5 +312,5 @@ class Guide:
             self._repeat("the head moved while recording")
         text = dwell.warning(self.plan.limits)
         if text and text.split(":")[0] != self._position_alarm.split(":")[0]:
-            self._warn(text, attempt=dwell.number)
+            self._report("warned", text, attempt=dwell.number)
         self._position_alarm = text

@@ -16,6 +16,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.journal import RunState
 from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.ground.axes import AXES
@@ -41,7 +42,6 @@ _GLYPHS = {
     "9": "███/█ █/███/  █/███",
     "-": "   /   /███/   /   ",
     ".": " / / / /█",
-    ":": " /█/ /█/ ",
     "°": "██/██/  /  /  ",
     "C": "███/█  /█  /█  /███",
     " ": "  /  /  /  /  ",
@@ -149,14 +149,20 @@ def note_of(guide: Guide) -> str:
 
 def _progress(guide: Guide) -> tuple[float, str]:
     """The finished part of a dwell or a soak, and what it counts; an empty text for none."""
+    plan = guide.plan
     if guide.dwell is not None:
-        return min(
-            guide.dwell.good / guide.dwell.needed, 1.0
-        ), f"{guide.dwell.good} of {guide.dwell.needed} good samples"
+        part = min(guide.dwell.good / guide.dwell.needed, 1.0)
+        left = _duration((1 - part) * plan.dwell.seconds, plan)
+        return part, f"{guide.dwell.good} of {guide.dwell.needed} good samples, {left} left"
     if guide.phase == Phase.SOAK:
-        stable, needed = guide.soak.stability.stable_min, guide.plan.soak.stable_min
-        return min(stable / needed, 1.0), f"{stable:.1f} of {needed:g} min stable"
+        stable_min = guide.soak.stability.stable_min
+        return min(stable_min / plan.soak.stable_min, 1.0), f"{stable_min:.1f} of {plan.soak.stable_min:g} min stable"
     return 0.0, ""
+
+
+def _duration(seconds: float, plan: CapturePlan) -> timedelta:
+    """A duration of the device's time, by the host's clock."""
+    return timedelta(seconds=round(seconds / plan.port.speed))
 
 
 def rendered(guide: Guide, console: Console) -> RenderableType:
@@ -170,22 +176,21 @@ def rendered(guide: Guide, console: Console) -> RenderableType:
     target = (
         f"{step.temperature_degc:g} °C" if guide.phase == Phase.SOAK else f"α {step.alpha_deg:g}°  β {step.beta_deg:g}°"
     )
-    # The shortest times for the dwell, and for the positions and soaks after the present ones.
-    left_s = (1 - part) * plan.dwell.seconds if guide.dwell is not None else 0.0
+    large = "\n ".join(
+        map("  ".join, zip(*(_GLYPHS[letter].split("/") for letter in target if letter in _GLYPHS), strict=True))
+    )
+    small = console.height < _LOWEST or max(map(len, large.split("\n"))) >= console.width
+    lines = [(header_of(guide), f"{style} reverse"), (target if small else large, style)]
+    if counted:
+        bar = "█" * round(40 * part)
+        lines.append((f"{bar:░<40} {part:4.0%}  {counted}", style))
+    lines.append((guide.alarm, "bold white on red") if guide.alarm else (note_of(guide), ""))
+    lines += [(guide.contact.text, "bold yellow"), (guide.rejected, "yellow")]
+    # The shortest time for the positions and soaks after the present ones.
     later = {k for k in range(len(plan.steps)) if k not in guide.state.accepted} - {guide.position}
     soaks = {plan.soaks[k] for k in later} - {plan.soaks[guide.position]}
     later_s = len(later) * (plan.dwell.seconds + plan.dwell.settle_s) + 60 * plan.soak.stable_min * len(soaks)
-    left, run_left = (timedelta(seconds=round(s / plan.port.speed)) for s in (left_s, left_s + later_s))
-    small = console.height < _LOWEST or max(map(len, _big(target).split("\n"))) > console.width
-    lines = [(header_of(guide), f"{style} reverse"), (target if small else _big(target), style)]
-    if guide.dwell is not None:
-        lines.append((str(left) if small else _big(str(left)), style))
-    if counted:
-        filled = round(40 * part)
-        lines.append((f"{'█' * filled}{'░' * (40 - filled)} {part:4.0%}  {counted}", style))
-    lines.append((guide.alarm, "bold white on red") if guide.alarm else (note_of(guide), ""))
-    lines += [(guide.contact.text, "bold yellow"), (guide.rejected, "yellow")]
-    lines += [(f"{guide.stream.tally.line()}; run: {run_left} left", "dim"), (_KEYS, "dim")]
+    lines += [(f"{guide.stream.tally.line()}; rest of the run: {_duration(later_s, plan)}", "dim"), (_KEYS, "dim")]
     return Group(*(Text(f" {text}", style=style) for text, style in lines if text), _axes(guide))
 
 
@@ -201,9 +206,3 @@ def _axes(guide: Guide) -> Table:
         for axis, cells in zip(AXES, np.transpose(columns), strict=True):
             table.add_row(axis, *(f"{1e3 * cell:+.3f}" for cell in cells))
     return table
-
-
-def _big(text: str) -> str:
-    """Text in letters five lines high; characters without a glyph are skipped."""
-    rows = zip(*(_GLYPHS[letter].split("/") for letter in text if letter in _GLYPHS), strict=True)
-    return "\n ".join(map("  ".join, rows))
