@@ -32,7 +32,8 @@ class HandFed:
         self.rng, self.turned, self.now_s = np.random.default_rng(0), 1.0, 1000.0
         run = RunFolder(folder, self.plan, self.journal)
         contact, self.soak = Contact(run, stream), Soak(self.plan, self.journal, rate_hz, chamber)  # type: ignore[arg-type]
-        self.guide = Guide(run, stream, rate_hz, contact, self.soak, lambda: self.keys, lambda: None)  # type: ignore[arg-type]
+        contact.rate_hz = rate_hz
+        self.guide = Guide(run, contact, self.soak, lambda: self.keys)
         self.state, self.keys, self._steps = self.guide.state, "", self.guide.run()
         next(self._steps)
 

@@ -89,7 +89,7 @@ class TextChamber:
         except OSError as error:
             self.close()
             raise InputError(
-                f"chamber {self.name}: the line is interrupted ({error}); check its cable and power"
+                f"chamber {self.name}: the line is interrupted ({error}); check cable and power"
             ) from error
 
     def _send(self, port: Port, command: str) -> None:

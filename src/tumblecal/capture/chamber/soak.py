@@ -198,13 +198,16 @@ class Soak:
             self.alarm = ""
             if seen.steady_min >= criterion.stable_min and not seen.near:
                 self.alarm = (
-                    f"the temperature is steady at {degc:.1f} degC, {far:+.1f} degC from {seen.target_degc:g}: check the set point "
-                    "and the thermometer (stuck, Fahrenheit, counts?), or state self-heating as "
+                    f"the temperature is steady at {degc:.1f} degC, {far:+.1f} degC from {seen.target_degc:g}: check the set "
+                    "point and the thermometer (stuck, Fahrenheit, counts?), or state self-heating as "
                     f"soak.offset_degc = {far + criterion.offset_degc:.1f}; Enter accepts this temperature"
                 )
         elif not self.left and not seen.near:
-            limit = f"{seen.target_degc:g} +- {criterion.tolerance_degc:g} degC"
-            self.left, self.alarm = True, f"the temperature {degc:.2f} degC left {limit}: the next dwell waits for it"
+            self.left = True
+            self.alarm = (
+                f"the temperature {degc:.2f} degC left {seen.target_degc:g} +- {criterion.tolerance_degc:g} degC: "
+                "the next dwell waits for it"
+            )
             self._write("temperature_left", degc=degc, text=self.alarm)
 
     def _settled(self, **content: object) -> None:

@@ -75,7 +75,11 @@ class Follower:
 
     def __call__(self, device: VirtualDevice) -> bool:
         """Execute the due actions; False when the capture has finished."""
-        self._open_newest()
+        # The folder of a failed capture may be deleted and created again.
+        with contextlib.suppress(OSError):
+            if self._reader is None or not os.path.samestat(os.stat(self._path), self._reader.stat()):
+                self.close()
+                self._reader = LogReader(self._path)
         now_s = device.time_s
         for record in self._reader.records() if self._reader is not None else ():
             entry = record.content()
@@ -106,13 +110,6 @@ class Follower:
                 self._goal, self._turn_s = self._target, due_s
             case "soak" if entry["chamber"] == OPERATOR:
                 device.climate.set_temperature(entry["requested_degc"])
-
-    def _open_newest(self) -> None:
-        """The present journal: the folder of a failed capture may be deleted and created again."""
-        with contextlib.suppress(OSError):
-            if self._reader is None or not os.path.samestat(os.stat(self._path), self._reader.stat()):
-                self.close()
-                self._reader = LogReader(self._path)
 
     def close(self) -> None:
         """Close the journal."""

@@ -6,7 +6,7 @@ the operator confirms that it is the same one.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ _STATED = {"serial_number": "serial_number", "configuration": "raw"}
 # Shortest time in which an instrument can be exchanged behind the same adapter, s.
 _EXCHANGE_S = 3.0
 _FIRST_DATA_S = 4.0
-_FEWEST_FRAMES, _FEWEST_BYTES = 20, 40
+_FEWEST_BYTES = 40
 # Length of a stretch by which the sample rate is measured, and how far it may be from a usual one.
 _STRETCH_S, _SAME_SHARE = 2.0, 0.03
 _USUAL_HZ = (10, 20, 25, 50, 100, 120, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000)
@@ -58,10 +58,10 @@ class Contact:
     """
 
     def __init__(self, run: RunFolder, stream: LiveStream, *, trust: bool = False):
-        self._plan, self._journal, self._stream, self._trust = run.plan, run.journal, stream, trust
+        self._plan, self._journal, self.stream, self._trust = run.plan, run.journal, stream, trust
+        self.rate_hz = 0.0
         self.serial_number: str | None = None
-        self.asked, self.asking = 0, False
-        self._waits_s, self._until_s = (), 0.0
+        self.asked, self.asking, self._until_s = 0, False, 0.0
 
     @property
     def confirmed(self) -> bool:
@@ -83,24 +83,22 @@ class Contact:
         again = ": press Enter if it is the same one, otherwise connect that one" if self.doubted else ""
         return f"identity not confirmed: the instrument does not state its serial number{again}"
 
-    def meet(self, pause: Pause = time.sleep) -> float:
+    def meet(self, pause: Pause = time.sleep) -> None:
         """Ask the instrument for its identity, wait for its first samples, and write it into the journal.
 
-        **Returns:** its sample rate, Hz: as it states it, otherwise of the plan, otherwise measured.
+        `rate_hz` is then its sample rate: as it states it, otherwise of the plan, otherwise measured.
 
         **Raises:** `InputError` in one line for silence, a wrong protocol or baud rate, an unknown range, or an instrument that
         is not the one of the plan or of the run.
         """
-        stream, state, port = self._stream, self._journal.state, self._plan.port
+        stream, state, port = self.stream, self._journal.state, self._plan.port
         protocol, events, stated = stream.protocol, list[Event](), dict[str, Any]()
-        # An instrument that stated its serial number before can do so again: its answer may only be late.
-        patient = protocol.range_from_stream or state.serial_number is not None
-        self._connected(WAITS_S if patient else WAITS_S[:1])
+        self._connected()
         wanted = {"serial_number"} if protocol.queries else set()
         wanted |= {"range_g"} if protocol.range_from_stream else set()
-        frames, late, late_s = 0, False, time.monotonic() + _FIRST_DATA_S
-        while frames < (1 if late else _FEWEST_FRAMES) or not (wanted <= stated.keys() or not self._ask()):
-            if late and not frames:
+        late_s = time.monotonic() + _FIRST_DATA_S
+        while not stream.tally.counts.frames or not (wanted <= stated.keys() or not self._ask()):
+            if time.monotonic() > late_s and not stream.tally.counts.frames:
                 words = described(stream.recent, port.protocol)
                 if (received := stream.tally.bytes) < _FEWEST_BYTES:
                     words = f"{received or 'no'} bytes in {_FIRST_DATA_S:g} s: check power, cable and baud rate"
@@ -109,8 +107,6 @@ class Contact:
             events += part.events
             for event in part.events:
                 stated |= event.content
-            frames += len(part.samples)
-            late = time.monotonic() > late_s
             pause(0.05)
         self.asking = False
         self._check(events)
@@ -120,9 +116,9 @@ class Contact:
                 f"port {port.url}: the {protocol.title} does not state its range when asked; "
                 "connect its receive line, or set port.range_g in the plan"
             )
-        rate_hz = float(stated_rate_hz or port.rate_hz or self._measured_hz(pause))
-        serial = self.serial_number or f"not stated{f' (asked {self.asked} times)' if self.asked else ''}"
-        print(f"{protocol.title}, serial number {serial}, {rate_hz:g} Hz, range {range_g or 'not stated'}")
+        self.rate_hz = float(stated_rate_hz or port.rate_hz or self._measured_hz(pause))
+        serial = self.serial_number or f"not stated (asked {self.asked} times)"
+        print(f"{protocol.title}, serial number {serial}, {self.rate_hz:g} Hz, range {range_g or 'not stated'}")
         if port.serial_number not in (None, self.serial_number) and not (self._trust and self.serial_number is None):
             raise InputError(
                 f"serial number {serial}: the plan is for {port.serial_number}; connect that one, with its receive line "
@@ -131,7 +127,7 @@ class Contact:
         self._journal.write(
             "device",
             serial_number=self.serial_number,
-            rate_hz=rate_hz,
+            rate_hz=self.rate_hz,
             protocol=protocol.name,
             baud=stream.recording.baud,
             events=[{"kind": event.kind, **event.content} for event in events],
@@ -140,12 +136,11 @@ class Contact:
         )
         known = state.serial_number is not None
         self._concluded(state.open_after(-1, self._plan.soaks) or 0, missed=known and not self.confirmed)
-        return rate_hz
 
     def interrupted(self, notice: dict[str, Any]) -> None:
         """Register an interruption of the line: the instrument may be a different one, unless the interruption was short."""
         if notice["event"] == "reopened" or notice.get("after_s", 0.0) * self._plan.port.speed > _EXCHANGE_S:
-            self._connected(WAITS_S if self._journal.state.serial_number is not None else ())
+            self._connected()
 
     def hear(self, events: list[Event], position: int) -> bool:
         """Evaluate answers of the instrument, and repeat the questions when they are due; whether it must now be confirmed.
@@ -167,21 +162,20 @@ class Contact:
         """The operator confirms the instrument."""
         self._journal.write("identity_trusted", text="the operator states that it is the same instrument")
 
-    def _connected(self, waits_s: Sequence[float]) -> None:
-        """The line was connected: ask so many questions, with these waits."""
-        self.serial_number, self.asked, self.asking = None, 0, True
-        self._waits_s, self._until_s = waits_s if self._stream.protocol.queries else (), 0.0
+    def _connected(self) -> None:
+        """The line was connected: ask who is there."""
+        self.serial_number, self.asked, self.asking, self._until_s = None, 0, True, 0.0
 
     def _ask(self) -> bool:
         """Whether an answer may still come; asks when it is due."""
         if time.monotonic() <= self._until_s:
             return True
-        if self.asked == len(self._waits_s):
+        if not self.stream.protocol.queries or self.asked == len(WAITS_S):
             return False
-        for command in self._stream.protocol.queries:
-            self._stream.recording.send(command)
+        for command in self.stream.protocol.queries:
+            self.stream.recording.send(command)
             time.sleep(_BETWEEN_S)
-        self._until_s = time.monotonic() + self._waits_s[self.asked]
+        self._until_s = time.monotonic() + WAITS_S[self.asked]
         self.asked += 1
         return True
 
@@ -221,11 +215,11 @@ class Contact:
 
         Samples that the device sent before the port was opened arrive together at first, so the second stretch is used.
         """
-        measured, counts = 0.0, self._stream.tally.counts
+        measured, counts = 0.0, self.stream.tally.counts
         for _ in range(2):
             start_s, first = time.monotonic(), counts.frames
             while time.monotonic() < start_s + _STRETCH_S:
-                self._stream.poll()
+                self.stream.poll()
                 pause(0.05)
             measured = max((counts.frames - first) / (time.monotonic() - start_s) / self._plan.port.speed, 1.0)
         near = min(_USUAL_HZ, key=lambda usual: abs(usual / measured - 1))

@@ -68,7 +68,7 @@ class Dwell:
         if found.knocks:
             words.append(f"knock: {len(found.knocks)} outlier block(s)")
         elif found.creep:
-            words.append(f"creeping: {found.tilt_arcsec:.0f} arcsec or {abs(found.drift_g).max() * 1e6:.0f} ug so far")
+            words.append(f"creeping: {found.tilt_arcsec:.0f} arcsec so far")
         if self.flagged > max(limits.flagged_fraction * self.needed, 1):
             words.append(self._flagged_words)
         noise_mg = 1e3 * self.blocks.sd_g.mean(0).max()

@@ -10,7 +10,7 @@ import numpy as np
 
 from tumblecal.capture.chamber.soak import Soak
 from tumblecal.capture.journal import sha256_of
-from tumblecal.capture.port.live import Arrived, LiveStream
+from tumblecal.capture.port.live import Arrived
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.run.contact import Contact
 from tumblecal.capture.run.dwell import Dwell
@@ -53,8 +53,7 @@ class Guide:
     **Arguments:**
 
     - `run`: the plan, and the journal for the steps.
-    - `stream`: the live samples. `rate_hz`: the device's sample rate.
-    - `contact`: checks whether the instrument is the one with which the run began.
+    - `contact`: with the instrument, which was met; gives the samples.
     - `soak`: requests the temperatures of the plan.
     - `keys`: the keys pressed since its last call. `bell`: sounds the bell.
 
@@ -66,25 +65,16 @@ class Guide:
     def __init__(
         self,
         run: RunFolder,
-        stream: LiveStream,
-        rate_hz: float,
         contact: Contact,
         soak: Soak,
-        keys: Callable[[], str],
-        bell: Callable[[], None],
+        keys: Callable[[], str] = str,
+        bell: Callable[[], object] = str,
     ):
         self.plan, self.state, self._journal = run.plan, run.journal.state, run.journal
-        self.stream, self.rate_hz, self.contact, self.soak, self._keys, self._bell = (
-            stream,
-            rate_hz,
-            contact,
-            soak,
-            keys,
-            bell,
-        )
+        self.contact, self.stream, self.soak, self._keys, self._bell = contact, contact.stream, soak, keys, bell
         self._to_local_g = STANDARD_GRAVITY_MS2 / self.plan.site.gravity.value_ms2
         self._still_g = self.plan.limits.still_mg * 1e-3
-        self.watch = HeadWatch(rate_hz, self._to_local_g)
+        self.watch = HeadWatch(contact.rate_hz, self._to_local_g)
         self.phase, self.position, self.settled_s = Phase.TURN, 0, 0.0
         self.dwell: Dwell | None = None
         self._previous: int | None = None
@@ -166,38 +156,37 @@ class Guide:
 
     def _press(self, key: str) -> None:
         """Act on a key."""
-        before = self._previous
-        match key:
-            case "\n" | "\r" if self.contact.doubted:
-                self.contact.trusted()
-            case "\n" | "\r" if self.phase == Phase.SOAK:
-                self.soak.accept_as_is()
-            case "\n" | "\r" if self.phase == Phase.TURN and len(self.watch.blocks.mean_g):
-                # The first time, a head that was not turned is reported.
-                verdict = self._verdict()
-                if verdict.fault == NOT_TURNED and not self._position_alarm:
-                    self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
-                else:
-                    self._forced = True
-                    self._journal.write("forced", position=self.position, text=verdict.text)
-            case "r":
-                self._repeat("operator")
-            case "b" if before in self.state.accepted and self.plan.soaks[before] == self.plan.soaks[self.position]:
-                self.interrupt("repeat of the previous position")
-                self._journal.write("withdrawn", position=before)
-                self._previous = None
-                raise _Leave(before)
-            case "s":
-                self.interrupt("skipped")
-                if self.phase == Phase.SOAK:
-                    self.soak.postpone()
-                else:
-                    self._journal.write("skipped", position=self.position)
-                raise _Leave()
-            case "q":
-                self.interrupt("operator")
-                self.phase = Phase.FINISHED
-                raise _Leave()
+        enter, before = key in ("\n", "\r"), self._previous
+        if enter and self.contact.doubted:
+            self.contact.trusted()
+        elif enter and self.phase == Phase.SOAK:
+            self.soak.accept_as_is()
+        elif enter and self.phase == Phase.TURN and len(self.watch.blocks.mean_g):
+            # The first time, a head that was not turned is reported.
+            verdict = self._verdict()
+            if verdict.fault == NOT_TURNED and not self._position_alarm:
+                self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
+            else:
+                self._forced = True
+                self._journal.write("forced", position=self.position, text=verdict.text)
+        elif key == "r":
+            self._repeat("operator")
+        elif key == "b" and before in self.state.accepted and self.plan.soaks[before] == self.plan.soaks[self.position]:
+            self.interrupt("repeat of the previous position")
+            self._journal.write("withdrawn", position=before)
+            self._previous = None
+            raise _Leave(before)
+        elif key == "s":
+            self.interrupt("skipped")
+            if self.phase == Phase.SOAK:
+                self.soak.postpone()
+            else:
+                self._journal.write("skipped", position=self.position)
+            raise _Leave()
+        elif key == "q":
+            self.interrupt("operator")
+            self.phase = Phase.FINISHED
+            raise _Leave()
 
     def _repeat(self, why: str) -> None:
         """Reject an unfinished attempt and repeat its position."""
@@ -218,10 +207,10 @@ class Guide:
         # only the temperature changes.
         self._forced = self.must_move = False
         if before not in (None, position):
-            angles, soaks = [(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in (before, position)], plan.soaks
+            angles = {(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in (before, position)}
             turn_deg = angle_between_deg(plan.expected(before), plan.expected(position))
-            warmer = angles[0] == angles[1] and soaks[before] != soaks[position]
-            self.must_move = turn_deg <= plan.tolerance_deg and not warmer
+            turned = len(angles) > 1 or plan.soaks[before] == plan.soaks[position]
+            self.must_move = turned and turn_deg <= plan.tolerance_deg
         ready = False
         while not ready:
             self.soak.begin(position)
@@ -250,7 +239,7 @@ class Guide:
             if fresh and not self.still:
                 self.phase, self.watch.moved, self._position_alarm = Phase.TURN, True, ""
             elif fresh and self.phase == Phase.SETTLING:
-                self.settled_s += fresh * self.watch.blocks.size / self.rate_hz
+                self.settled_s += fresh * self.watch.blocks.size / self.contact.rate_hz
             elif fresh and self._arrived():
                 self.phase, self.settled_s, self._position_alarm = Phase.SETTLING, 0.0, ""
 
@@ -270,9 +259,9 @@ class Guide:
     def _record(self, position: int) -> Iterator[None]:
         """One dwell, which is accepted or rejected."""
         number, recording = self.state.attempts.get(position, 0) + 1, self.stream.recording
-        needed = max(1, round(self.plan.dwell.seconds * self.rate_hz))
+        needed = max(1, round(self.plan.dwell.seconds * self.contact.rate_hz))
         self._journal.write("recording", position=position, attempt=number, log_position=recording.position)
-        dwell = Dwell(number, needed, self.rate_hz, self._to_local_g, self._newest)
+        dwell = Dwell(number, needed, self.contact.rate_hz, self._to_local_g, self._newest)
         self.dwell, self.phase = dwell, Phase.RECORDING
         while dwell.good < needed:
             part, fresh = yield from self._wait()
@@ -284,7 +273,7 @@ class Guide:
         while not after or self.contact.asking:
             after.append((yield from self._wait())[0])
         losses = dwell.losses(self.stream.protocol, after)
-        if other_rate := losses.rates.words(self.rate_hz * self.plan.port.speed):
+        if other_rate := losses.rates.words(self.contact.rate_hz * self.plan.port.speed):
             self._report("warned", other_rate)
         if why := dwell.refusal(losses, self.plan.limits):
             self._repeat(why)
@@ -295,7 +284,7 @@ class Guide:
             "accepted",
             position=position,
             attempt=number,
-            log_before=int([*dwell.before, *dwell.parts][0].log_start[0]),
+            log_before=int((dwell.before or dwell.parts)[0].log_start[0]),
             log_start=start,
             log_stop=stop,
             sha256=sha256_of(recording.log, start, stop),

@@ -104,8 +104,7 @@ class HeadWatch:
     """
 
     def __init__(self, rate_hz: float, to_local_g: float):
-        self._to_local_g, self._quiet_dps = to_local_g, np.array([])
-        self.blocks, self.moved = Blocks(rate_hz, 2), False
+        self._to_local_g, self.blocks, self.moved = to_local_g, Blocks(rate_hz, 2), False
 
     def take(self, part: Arrived) -> int:
         """Add new samples; returns the number of blocks they complete."""
@@ -114,12 +113,7 @@ class HeadWatch:
             self.blocks.add(part.samples.force[part.samples.status == 0] * self._to_local_g),
         )
         # The angular rate shows a turn without effect on gravity (about the vertical).
-        if (eighth := len(rate) // 8) and np.isfinite(rate).all():
-            means = rate[: 8 * eighth].reshape(8, eighth, 3).mean(1)
-            noise = self._quiet_dps if len(self._quiet_dps) else rate.std(0) / np.sqrt(eighth)
-            if (np.abs(means) > _TURNING_DPS + 6 * noise).any():
-                self.blocks.forget()
-                self.moved = True
-            else:
-                self._quiet_dps = noise
+        if len(rate) >= 8 and (np.abs([piece.mean(0) for piece in np.array_split(rate, 8)]) > _TURNING_DPS).any():
+            self.blocks.forget()
+            self.moved = True
         return fresh

@@ -114,21 +114,20 @@ class Screen:
 
 def line_of(guide: Guide) -> str:
     """The state in one line."""
-    step, (part, counted) = guide.plan.steps[guide.position], _progress(guide)
-    target = f"alpha {step.alpha_deg:g} beta {step.beta_deg:g}"
-    if guide.phase == Phase.SOAK:
-        target = f"set the chamber to {step.temperature_degc:g} degC"
-    words = [f"{header_of(guide)}: {target}", f"{25 * int(4 * part)} %" if counted else "", guide.alarm]
+    part, counted = _progress(guide)
+    words = [header_of(guide), f"{25 * int(4 * part)} %" if counted else "", guide.alarm]
     words += [f"[{guide.rejected}]" if guide.rejected else "", f"({guide.contact.text})" if guide.contact.text else ""]
     return " ".join(filter(None, words))
 
 
 def header_of(guide: Guide) -> str:
-    """The phase; the position, or the soak that comes before it; and the number of positions that are done."""
-    plan, place = guide.plan, f"position {guide.plan.steps[guide.position].name}"
+    """The phase; the position, or the soak that comes before it; the number of positions that are done; and what to set."""
+    plan, step = guide.plan, guide.plan.steps[guide.position]
+    place, target = f"position {step.name}", f"alpha {step.alpha_deg:g} beta {step.beta_deg:g}"
     if guide.phase == Phase.SOAK:
         place = f"soak {plan.soaks[guide.position] + 1} of {plan.soaks[-1] + 1}"
-    return f"{guide.phase.name} {place}, {len(guide.state.accepted)} of {len(plan.steps)} done"
+        target = f"set the chamber to {step.temperature_degc:g} degC"
+    return f"{guide.phase.name} {place}, {len(guide.state.accepted)} of {len(plan.steps)} done: {target}"
 
 
 def note_of(guide: Guide) -> str:
@@ -196,13 +195,12 @@ def rendered(guide: Guide, console: Console) -> RenderableType:
 
 def _axes(guide: Guide) -> Table:
     """Mean and noise of each axis, with the nominal output, mg."""
-    table = Table(box=None, pad_edge=False)
-    for name in ("axis", "mean mg", "expected mg", "difference mg", "sd of a sample mg", "drift mg"):
-        table.add_column(name, justify="right")
+    names = "axis", "mean mg", "expected mg", "difference mg", "sd of a sample mg", "drift mg"
+    table = Table(*names, box=None, pad_edge=False)
     blocks = (guide.dwell or guide.watch).blocks
     if len(blocks.mean_g):
         mean, expected = blocks.mean_g.mean(0), guide.plan.expected(guide.position)
         columns = [mean, expected, mean - expected, blocks.sd_g.mean(0), blocks.stationarity().drift_g]
         for axis, cells in zip(AXES, np.transpose(columns), strict=True):
-            table.add_row(axis, *(f"{1e3 * cell:+.3f}" for cell in cells))
+            table.add_row(axis, *(f"{1e3 * cell:+9.3f}" for cell in cells))
     return table

@@ -64,19 +64,18 @@ def capture(
             settings = settings_of_run(journal.state, plan, spoken)
             stream = LiveStream(recording, spoken, settings, spoken.decoder_options(port.columns, port.unit))
             contact = Contact(run, stream, trust=trust)
-            rate_hz = contact.meet(signals.pause)
+            contact.meet(signals.pause)
             if plan.over_temperature:
                 print(f"a temperature is stable if, {plan.soak.words}")
                 chamber = chamber or (TextChamber(plan.chamber) if plan.chamber.url else None)
-            soak = Soak(plan, journal, rate_hz, chamber)
+            soak = Soak(plan, journal, contact.rate_hz, chamber)
             ends.callback(lambda: soak.close(finished=run.complete))
             screen = ends.enter_context(Screen(plain, estimate))
-            guide = Guide(run, stream, rate_hz, contact, soak, screen.pressed, screen.bell)
+            guide = Guide(run, contact, soak, screen.pressed, screen.bell)
             for _ in guide.run():
                 journal.check()
                 screen.show(guide)
                 signals.pause(_FAST_LOOK_S if port.speed > 1 else _LOOK_S)
-            screen.show(guide)
         except (InputError, Stopped) as end:
             with suppress(InputError):
                 if guide is not None:

@@ -12,7 +12,7 @@ class Stopped(Exception):
 
     def __init__(self, number: int):
         self.number = signal.Signals(number)
-        super().__init__("Ctrl-C" if number == signal.SIGINT else self.number.name)
+        super().__init__(self.number.name)
 
 
 class StopSignals:
