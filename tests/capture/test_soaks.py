@@ -157,7 +157,10 @@ def test_a_soak_is_waited_for_once_and_again_only_when_the_temperature_left(tmp_
     fed.feed(degc=26.6)
     assert "left 25 +- 1 degC" in guide.alarm
     fed.until(Phase.SOAK, 25.4)
-    assert header_of(guide) == "SOAK soak 2 of 2, 2 of 4 done: set the chamber to 40 degC" and fed.entries("soak")[-1]["requested_degc"] == 40
+    assert (
+        header_of(guide) == "SOAK soak 2 of 2, 2 of 4 done: set the chamber to 40 degC"
+        and fed.entries("soak")[-1]["requested_degc"] == 40
+    )
     fed.press("b")
     assert len(fed.state.accepted) == 2  # the previous position belongs to a soak that is over
     # Steady, but not at 40: reported, and accepted by Enter; this is then the temperature of the soak.

@@ -21,8 +21,11 @@ from tumblecal.ground.errors import InputError
 # Seconds to wait for an answer after each question, and between two commands.
 WAITS_S = (1.0, 2.0, 3.0, 4.0, 6.0)
 _BETWEEN_S = 0.05
-# The answers by which an instrument is recognised: kinds of events, and the keys of their contents.
-_STATED = {"serial_number": "serial_number", "configuration": "raw"}
+# The answers by which an instrument is recognised: kinds of events, the keys of their contents, and words for another one.
+_STATED = {
+    "serial_number": ("serial_number", "serial number {}, but {} is connected"),
+    "configuration": ("raw", "other settings of the instrument"),
+}
 # Shortest time in which an instrument can be exchanged behind the same adapter, s.
 _EXCHANGE_S = 3.0
 _FIRST_DATA_S = 4.0
@@ -187,13 +190,14 @@ class Contact:
         state = self._journal.state
         began = {"serial_number": state.serial_number, "configuration": (state.configuration or {}).get("raw")}
         for event in events:
-            before, now = began.get(event.kind), event.content.get(_STATED.get(event.kind, ""))
+            key, words = _STATED.get(event.kind, ("", ""))
+            before, now = began.get(event.kind), event.content.get(key)
             if event.kind == "serial_number":
                 self.serial_number = now
             if None not in (before, now) and before != now:
                 raise InputError(
-                    f"this run began with {event.kind.replace('_', ' ')} {before}, but {now} is connected: connect the "
-                    "instrument of this run, with its settings, then --resume, or begin a new run"
+                    f"this run began with {words.format(before, now)}: connect the instrument of this run, with its settings, "
+                    "then --resume, or begin a new run"
                 )
 
     def _concluded(self, position: int, *, missed: bool) -> None:

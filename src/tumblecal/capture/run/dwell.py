@@ -44,9 +44,9 @@ class Dwell:
 
     def losses(self, protocol: Protocol, after: list[Arrived]) -> Losses:
         """Samples lost during the attempt; `after` are the samples after it, which resolve a late gap."""
-        samples, host_s = collected([*self.before, *self.parts, *after])
-        start = sum(len(p.samples) for p in self.before)
-        specials = [event.stop for part in (*self.before, *self.parts) for event in part.events if event.counted]
+        parts, start = [*self.before, *self.parts, *after], sum(len(part.samples) for part in self.before)
+        samples, host_s = collected(parts)
+        specials = [event.stop for part in parts for event in part.events if event.counted]
         inside = range(start, start + self.good + self.flagged)
         return losses_of(protocol, samples, host_s, self._rate_hz, inside, specials)
 
