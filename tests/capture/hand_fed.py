@@ -33,7 +33,7 @@ class HandFed:
         run = RunFolder(folder, self.plan, self.journal)
         contact, self.soak = Contact(run, stream), Soak(self.plan, self.journal, rate_hz, chamber)  # type: ignore[arg-type]
         contact.rate_hz = rate_hz
-        self.guide = Guide(run, contact, self.soak, lambda: self.keys)
+        self.guide = Guide(run, contact, self.soak, lambda: self.keys, lambda: None)
         self.state, self.keys, self._steps = self.guide.state, "", self.guide.run()
         next(self._steps)
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -52,8 +53,8 @@ GOOD = '[port]\nurl = "imu"\n[positions]\nalpha_deg = [0, 90]\nbeta_deg = [0]\n'
 def test_all_faults_of_a_plan_are_told_at_once(tmp_path: Path, text: str | None, faults: tuple[str, ...]) -> None:
     if text is not None:
         (tmp_path / "plan.toml").write_text(text)
-    with pytest.raises(InputError) as error:
-        begin(tmp_path / "plan.toml", tmp_path / "out")
+    with pytest.raises(InputError) as error, begin(tmp_path / "plan.toml", tmp_path / "out"):
+        pass
     assert all(any(words in fault for fault in error.value.faults) for words in faults), error.value.faults
     assert not (tmp_path / "out").exists()
 
@@ -70,8 +71,8 @@ def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
     try:
         if feed:
             rig.run(feed)
-        with RunFolder(tmp_path, plan, Journal(tmp_path)) as run:
-            contact.Contact(run, stream).meet()
+        with closing(Journal(tmp_path)) as journal:
+            contact.Contact(RunFolder(tmp_path, plan, journal), stream).meet()
     finally:
         recording.stop()
         rig.instrument.port.unplug()
@@ -119,8 +120,9 @@ def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(GOOD)
     with begin(tmp_path / "plan.toml", tmp_path / "out") as run:
         run.journal.write("device", serial_number="N1", events=[], log_position=0)
-    with pytest.raises(InputError, match="contains a capture already"):
-        begin(tmp_path / "plan.toml", tmp_path / "out")
+    again = begin(tmp_path / "plan.toml", tmp_path / "out")
+    with pytest.raises(InputError, match="contains a capture already"), again:
+        pass
 
 
 def test_capture_needs_no_jax() -> None:

@@ -5,6 +5,7 @@ import pty
 import threading
 import time
 import tty
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,8 +55,8 @@ def test_a_backlog_does_not_change_the_rate(tmp_path: Path) -> None:
     how = protocol("text")
     stream = LiveStream(recording, how, None, how.decoder_options(plan.port.columns, plan.port.unit))
     try:
-        with RunFolder(tmp_path, plan, Journal(tmp_path)) as run:
-            contact = Contact(run, stream)
+        with closing(Journal(tmp_path)) as journal:
+            contact = Contact(RunFolder(tmp_path, plan, journal), stream)
             contact.meet()
             assert contact.rate_hz == pytest.approx(100, rel=0.03)
     finally:

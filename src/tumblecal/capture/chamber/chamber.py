@@ -117,10 +117,7 @@ class TextChamber:
                     if number and _LOWEST_DEGC <= float(number[1]) <= _HIGHEST_DEGC:
                         return float(number[1])
                     seen = line
-        fault = f"no answer in {self._table.timeout_s:g} s; check cable, baud rate ({self._table.baud}) and terminator"
-        if seen:
-            fault = (
-                f"the answer {shown(seen)} has no temperature in degC at field {field}; set the controller to degC, "
-                "or correct chamber.query and query_field of the plan"
-            )
-        raise InputError(f"{query!r}, asked {_TRIES} times: {fault}")
+        raise InputError(
+            f"{query!r}, asked {_TRIES} times, {shown(seen) if seen else 'nothing'} came: no temperature in degC at field "
+            f"{field}; check cable, baud rate ({self._table.baud}), terminator and query, and set the controller to degC"
+        )

@@ -58,18 +58,10 @@ class Guide:
     - `keys`: the keys pressed since its last call. `bell`: sounds the bell.
 
     `phase`, `position`: the present step. `dwell`: the attempt in progress; None for none. `settled_s`: time at rest so far.
-    `must_move`: whether a turn must be observed. `rejected`: why the last attempt at this position was rejected; empty if none
-    was.
+    `must_move`: whether a turn must be observed. `rejected`: why the last attempt at this position was rejected, or empty.
     """
 
-    def __init__(
-        self,
-        run: RunFolder,
-        contact: Contact,
-        soak: Soak,
-        keys: Callable[[], str] = str,
-        bell: Callable[[], object] = str,
-    ):
+    def __init__(self, run: RunFolder, contact: Contact, soak: Soak, keys: Callable[[], str], bell: Callable[[], None]):
         self.plan, self.state, self._journal = run.plan, run.journal.state, run.journal
         self.contact, self.stream, self.soak, self._keys, self._bell = contact, contact.stream, soak, keys, bell
         self._to_local_g = STANDARD_GRAVITY_MS2 / self.plan.site.gravity.value_ms2

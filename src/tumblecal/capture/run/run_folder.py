@@ -3,7 +3,7 @@
 import platform
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -37,15 +37,10 @@ class RunFolder:
         """Whether all positions are done."""
         return len(self.journal.state.accepted) == len(self.plan.steps)
 
-    def __enter__(self) -> "RunFolder":
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        self.journal.close()
-
-
-def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
-    """Lock a folder and begin a capture there, with a copy of the plan.
+@contextmanager
+def begin(plan_path: Path, folder: Path, port: str | None = None) -> Iterator[RunFolder]:
+    """Lock a folder while entered, and begin a capture there, with a copy of the plan.
 
     A run that found no device is begun again: its entries remain, and a new session follows them.
 
@@ -61,7 +56,7 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
         protocol(plan.port.protocol)
     writable_folder(folder)
     _check_room(plan, folder)
-    with _locked(folder) as journal:
+    with closing(Journal(folder)) as journal:
         if journal.state.devices or journal.state.attempts:
             raise InputError(
                 f"{folder}: contains a capture already; resume it by --resume {folder}, or give another folder"
@@ -82,32 +77,22 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
             | {"python": platform.python_version()},
             clocks=clocks(),
         )
-        return RunFolder(folder, plan, journal)
+        yield RunFolder(folder, plan, journal)
 
 
-def resume(folder: Path, port: str | None = None) -> RunFolder:
-    """Lock the folder of an interrupted capture.
+@contextmanager
+def resume(folder: Path, port: str | None = None) -> Iterator[RunFolder]:
+    """Lock the folder of an interrupted capture while entered.
 
     **Raises:** `InputError` if there is none, another process has locked it, or its plan was changed.
     """
     path = folder / JOURNAL_NAME
     if not path.is_file():
         raise InputError(f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture")
-    with _locked(folder) as journal:
+    with closing(Journal(folder)) as journal:
         if not journal.state.session:
             raise InputError(f"{path}: contains no capture; it may have been ended before the first entry")
-        return RunFolder(folder, _with_port(plan_of_run(folder, journal.state), port), journal)
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[Journal]:
-    """The journal, which is released if what follows fails."""
-    journal = Journal(folder)
-    try:
-        yield journal
-    except BaseException:
-        journal.close()
-        raise
+        yield RunFolder(folder, _with_port(plan_of_run(folder, journal.state), port), journal)
 
 
 def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
