@@ -48,7 +48,6 @@ class HandFed:
         next(self._steps, None)
 
     def press(self, keys: str) -> None:
-        """Press keys while nothing arrives."""
         self.keys = keys
         self.feed(0)
         self.keys = ""

@@ -120,8 +120,7 @@ def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(GOOD)
     with begin(tmp_path / "plan.toml", tmp_path / "out") as run:
         run.journal.write("device", serial_number="N1", events=[], log_position=0)
-    again = begin(tmp_path / "plan.toml", tmp_path / "out")
-    with pytest.raises(InputError, match="contains a capture already"), again:
+    with pytest.raises(InputError, match="contains a capture already"), begin(tmp_path / "plan.toml", tmp_path / "out"):
         pass
 
 

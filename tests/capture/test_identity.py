@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from bench import CaptureProcess, Emulator
 
-from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.journal import Journal, read_journal, replayed
 from tumblecal.capture.protocols import protocol
@@ -92,7 +91,7 @@ def test_questions_are_bounded_and_grow_and_a_late_answer_counts(tmp_path, monke
     journal = Journal(tmp_path)
     journal.write("device", serial_number="N1", events=[{"kind": "configuration", "raw": "aa"}])
     journal.write("accepted", position=0, attempt=1, log_start=0, log_stop=1, sha256="", summary={})
-    plan = CapturePlan.model_validate({"positions": {"alpha_deg": [0, 90], "beta_deg": [0]}})
+    plan = SimpleNamespace(port=SimpleNamespace(speed=1.0))
     recording = SimpleNamespace(send=lambda query: sent.append(now[0]))
     stream = SimpleNamespace(recording=recording, protocol=replace(protocol("stim300"), queries=(b"I\r",)))
     identity = Contact(RunFolder(tmp_path, plan, journal), stream)  # type: ignore[arg-type]
@@ -110,15 +109,7 @@ def test_questions_are_bounded_and_grow_and_a_late_answer_counts(tmp_path, monke
 
 
 def test_an_older_run_that_was_to_compare_its_instrument_is_to_be_confirmed():
-    accepted = {
-        "entry": "accepted",
-        "position": 0,
-        "attempt": 1,
-        "log_start": 0,
-        "log_stop": 1,
-        "sha256": "",
-        "summary": {},
-    }
+    accepted = dict(entry="accepted", position=0, attempt=1, log_start=0, log_stop=1, sha256="", summary={})
     entries = [accepted | {"wall_ns": 1}, {"entry": "identity_not_confirmed"}]
     assert replayed(entries).to_confirm
     assert not replayed([*entries, {"entry": "compared", "agrees": True}]).to_confirm

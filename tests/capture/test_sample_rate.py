@@ -56,8 +56,7 @@ def test_a_backlog_does_not_change_the_rate(tmp_path: Path) -> None:
     stream = LiveStream(recording, how, None, how.decoder_options(plan.port.columns, plan.port.unit))
     try:
         with closing(Journal(tmp_path)) as journal:
-            contact = Contact(RunFolder(tmp_path, plan, journal), stream)
-            contact.meet()
+            (contact := Contact(RunFolder(tmp_path, plan, journal), stream)).meet()
             assert contact.rate_hz == pytest.approx(100, rel=0.03)
     finally:
         recording.stop()

@@ -7,7 +7,7 @@ import select
 import threading
 import tty
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -89,19 +89,9 @@ def test_a_soak_is_finished_before_the_next_one_begins() -> None:
     assert order == [0, 2, 1, 5, 3, 4]
 
 
-class AtOnce:
-    """A thread whose answers are there at once."""
-
-    def __init__(self, number: int):
-        self.shutdown = lambda: None
-
-    def submit(self, asked: Callable, *arguments: object) -> Future:
-        future = Future()
-        try:
-            future.set_result(asked(*arguments))
-        except InputError as error:
-            future.set_exception(error)
-        return future
+def asked_at_once(asked: Callable, *arguments: object) -> Future:
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(asked, *arguments)
 
 
 class FakeChamber:
@@ -131,7 +121,8 @@ def over_temperature(folder: Path, monkeypatch: pytest.MonkeyPatch, chamber: Fak
     clock, beginning = [], 1000.0
     monkeypatch.setattr(soak, "time", SimpleNamespace(monotonic=lambda: clock[0].now_s if clock else beginning))
     monkeypatch.setattr(soak, "_QUERY_S", 1.0)
-    monkeypatch.setattr(soak, "ThreadPoolExecutor", AtOnce)
+    thread = SimpleNamespace(submit=asked_at_once, shutdown=lambda: None)
+    monkeypatch.setattr(soak, "ThreadPoolExecutor", lambda number: thread)
     positions = {"beta_deg": [0], "alpha_deg": [0, 180], "temperature_degc": [25, 40]}
     fed = HandFed(
         folder, chamber=chamber, positions=positions, soak=criterion | more, chamber_table={"finish_degc": 20.0}
@@ -237,9 +228,7 @@ def scripted(path: Path, answers: Callable[[str], bytes]) -> Iterator[tuple[list
     master, slave = os.openpty()
     tty.setraw(slave)
     path.symlink_to(os.ttyname(slave))
-    heard: list[str] = []
-
-    ended = threading.Event()
+    heard, ended = list[str](), threading.Event()
 
     def serve() -> None:
         rest = b""
