@@ -27,35 +27,33 @@ class Stability:
 
     - `criterion`: of a stable temperature. `target_degc`: the expected temperature.
 
-    `degc`: newest reading, NaN before the first. `rate_degc_per_min`: NaN until enough readings are there.
-    `stable_min`: time for which the criterion has been met; `steady_min`: the same without the distance to the target.
+    `known`: newest temperature `degc`, its rate `rate_degc_per_min` if there are enough readings, and `stable_min`; empty
+    before the first reading. `near`: whether the newest one is within the tolerance. `stable_min`: time for which the
+    criterion has been met; `steady_min`: the same without the distance to the target.
     """
 
     def __init__(self, criterion: SoakTable, target_degc: float):
         self.criterion, self.target_degc = criterion, target_degc
         self._recent, self._since_min = np.zeros((0, 2)), np.full(2, np.inf)
-        self.degc = self.rate_degc_per_min = np.nan
+        self.known, self.near = dict[str, float](), False
         self.steady_min = self.stable_min = 0.0
 
     def take(self, now_min: float, degc: float) -> None:
         """Add a reading at a time that increases."""
-        since_min = now_min - RATE_FRACTION * self.criterion.stable_min
+        since_min, rate = now_min - RATE_FRACTION * self.criterion.stable_min, np.inf
         recent = np.vstack([self._recent, [now_min, degc]])
         # The shortest stretch of at least this time and three readings.
         first = np.searchsorted(recent[:, 0], since_min, "right") - 1
         self._recent = recent[max(min(first, len(recent) - _FEWEST), 0) :]
         times, values = self._recent.T
-        enough = first >= 0 and len(times) >= _FEWEST
-        self.degc, self.rate_degc_per_min = degc, float(np.polyfit(times - now_min, values, 1)[0]) if enough else np.nan
-        holds = [abs(self.rate_degc_per_min) < self.criterion.rate_degc_per_min, self.near]
+        self.known = {"degc": degc}
+        if first >= 0 and len(times) >= _FEWEST:
+            self.known["rate_degc_per_min"] = rate = float(np.polyfit(times - now_min, values, 1)[0])
+        self.near = abs(degc - self.target_degc) <= self.criterion.tolerance_degc
+        holds = [abs(rate) < self.criterion.rate_degc_per_min, self.near]
         self._since_min = np.where(holds, np.minimum(self._since_min, now_min), np.inf)
         self.steady_min, near_min = np.maximum(now_min - self._since_min, 0).tolist()
-        self.stable_min = min(self.steady_min, near_min)
-
-    @property
-    def near(self) -> bool:
-        """Whether the newest reading is within the tolerance."""
-        return abs(self.degc - self.target_degc) <= self.criterion.tolerance_degc
+        self.known["stable_min"] = self.stable_min = min(self.steady_min, near_min)
 
 
 class Soak:
@@ -72,12 +70,8 @@ class Soak:
     """
 
     def __init__(self, plan: CapturePlan, journal: Journal, rate_hz: float, chamber: Chamber | None = None):
-        self._plan, self._journal, self._chamber, self._name = (
-            plan,
-            journal,
-            chamber,
-            getattr(chamber, "name", OPERATOR),
-        )
+        self._plan, self._journal = plan, journal
+        self._chamber, self._name = chamber, getattr(chamber, "name", OPERATOR)
         self._thread, self._ask_at_s = ThreadPoolExecutor(1), 0.0
         self._answer: Future[float | None] | None = None
         self._soak, self._began_s, self._waited_min = None, 0.0, 0.0
@@ -88,11 +82,8 @@ class Soak:
 
     def begin(self, position: int) -> None:
         """Request the temperature of a position, unless it is there or already waited for."""
-        wanted, soak, criterion = (
-            self._plan.steps[position].temperature_degc,
-            self._plan.soaks[position],
-            self._plan.soak,
-        )
+        wanted, soak = self._plan.steps[position].temperature_degc, self._plan.soaks[position]
+        criterion = self._plan.soak
         if wanted is not None and (soak != self._soak or self.left):
             self._soak, self._began_s, self.waiting, self.left, self.alarm = soak, time.monotonic(), True, False, ""
             self.stability = Stability(criterion, wanted + criterion.offset_degc)
@@ -128,8 +119,7 @@ class Soak:
 
     def accept_as_is(self) -> None:
         """End the wait: the operator accepts the present temperature."""
-        if np.isfinite(self.stability.degc):
-            self.stability.target_degc = self.stability.degc
+        self.stability.target_degc = self.stability.known.get("degc", self.stability.target_degc)
         self._settled(accepted_by=OPERATOR)
 
     def postpone(self) -> None:
@@ -140,16 +130,13 @@ class Soak:
     @property
     def note(self) -> str:
         """The state of the wait in words."""
-        seen = self.stability
-        values = {
-            "sensor {:.2f} degC": seen.degc if self._sensor else None,
-            "chamber {:.2f} degC": self.requested["chamber_degc"],
-            "{:+.3f} degC/min": seen.rate_degc_per_min,
-            "stable for {:.1f} min": seen.stable_min,
-        }
-        words = ", ".join(text.format(value) for text, value in _known(values).items())
-        if np.isnan(seen.degc):
-            words = "neither instrument nor chamber state a temperature; press Enter when it is stable"
+        known, chamber_degc = self.stability.known, self.requested["chamber_degc"]
+        words = "neither instrument nor chamber state a temperature; press Enter when it is stable"
+        if known:
+            rate = f", {known['rate_degc_per_min']:+.3f} degC/min" if "rate_degc_per_min" in known else ""
+            of_chamber = "" if chamber_degc is None or not self._sensor else f", chamber {chamber_degc:.2f} degC"
+            source = "sensor" if self._sensor else "chamber"
+            words = f"{source} {known['degc']:.2f} degC{rate}{of_chamber}, stable for {known['stable_min']:.1f} min"
         return f"chamber to {self.requested['requested_degc']:g} degC (by {self._name}): {words}"
 
     def close(self, *, finished: bool) -> None:
@@ -212,14 +199,8 @@ class Soak:
 
     def _settled(self, **content: object) -> None:
         """The temperature is stable, or accepted."""
-        seen, self.waiting, self.alarm = self.stability, False, ""
-        found = {"degc": seen.degc, "rate_degc_per_min": seen.rate_degc_per_min, "stable_min": seen.stable_min}
-        self._write("soaked", **_known(found), waited_min=self._waited_min, **content)
+        self.waiting, self.alarm = False, ""
+        self._write("soaked", **self.stability.known, waited_min=self._waited_min, **content)
 
     def _write(self, entry: str, **content: object) -> None:
         self._journal.write(entry, soak=self._soak, **self.requested, **content)
-
-
-def _known(values: dict[str, Any]) -> dict[str, float]:
-    """The values that are neither None nor NaN."""
-    return {name: value for name, value in values.items() if value is not None and np.isfinite(value)}

@@ -57,7 +57,7 @@ class Contact:
     - `trust`: the operator states that it is the same instrument.
 
     `serial_number`: as stated since the line was connected; None if it was not. `asked`: number of questions since then.
-    `asking`: whether an answer may still come, so that nothing may be accepted yet.
+    `asking`: whether an answer may still come, so that nothing may be accepted yet. `rate_hz`: sample rate, set by `meet`.
     """
 
     def __init__(self, run: RunFolder, stream: LiveStream, *, trust: bool = False):
