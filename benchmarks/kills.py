@@ -76,7 +76,8 @@ def guide(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     run, plan, bad, before, shown = folder / "run", folder / "plan.toml", [], {}, 0
     alpha = (np.arange(max(8, 5 * kills)) * 360.0 * 0.381966 % 360.0).round(2).tolist()
     plan.write_text(PLAN.format(link=folder / "imu", alpha=alpha))
-    begin(plan, run).journal.close()
+    with begin(plan, run):
+        pass
     for kill in range(kills):
         # Most kills fall into the measuring, some into the start.
         word = b"SETTLING" if random.random() < 0.7 else b""

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,14 @@ from test_recorder import Rig
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.checks import exclusive_or
-from tumblecal.capture.decoding.samples import Event, Settings
+from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.decoding.sniff import described, guesses
-from tumblecal.capture.journal import Journal, RunState
+from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.run import contact
-from tumblecal.capture.run.identity import Identity
-from tumblecal.capture.run.run_folder import begin
+from tumblecal.capture.run.run_folder import RunFolder, begin
 from tumblecal.ground.errors import InputError
 
 
@@ -53,8 +53,8 @@ GOOD = '[port]\nurl = "imu"\n[positions]\nalpha_deg = [0, 90]\nbeta_deg = [0]\n'
 def test_all_faults_of_a_plan_are_told_at_once(tmp_path: Path, text: str | None, faults: tuple[str, ...]) -> None:
     if text is not None:
         (tmp_path / "plan.toml").write_text(text)
-    with pytest.raises(InputError) as error:
-        begin(tmp_path / "plan.toml", tmp_path / "out")
+    with pytest.raises(InputError) as error, begin(tmp_path / "plan.toml", tmp_path / "out"):
+        pass
     assert all(any(words in fault for fault in error.value.faults) for words in faults), error.value.faults
     assert not (tmp_path / "out").exists()
 
@@ -71,7 +71,8 @@ def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
     try:
         if feed:
             rig.run(feed)
-        contact.meet(stream, plan, RunState())
+        with closing(Journal(tmp_path)) as journal:
+            contact.Contact(RunFolder(tmp_path, plan, journal), stream).meet()
     finally:
         recording.stop()
         rig.instrument.port.unplug()
@@ -115,24 +116,12 @@ def test_sniffing(name: str) -> None:
     assert best.name == name and best.explained > 0.95
 
 
-def test_another_unit_or_other_settings(tmp_path: Path) -> None:
-    journal = Journal(tmp_path)
-    journal.write("device", serial_number="N1", events=[{"kind": "configuration", "raw": "bc01"}])
-    identity = Identity(journal, lambda query: None, (), trust=True)
-    with pytest.raises(InputError, match="began with serial number N1, but N2 is connected"):
-        identity.check([Event(0, "serial_number", {"serial_number": "N2"})])
-    with pytest.raises(InputError, match="settings of the instrument differ"):
-        identity.check([Event(0, "configuration", {"raw": "bc02"})])
-    identity.check([Event(0, "serial_number", {"serial_number": "N1"}), Event(0, "configuration", {"raw": "bc01"})])
-    journal.close()
-
-
 def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(GOOD)
     with begin(tmp_path / "plan.toml", tmp_path / "out") as run:
         run.journal.write("device", serial_number="N1", events=[], log_position=0)
-    with pytest.raises(InputError, match="contains a capture already"):
-        begin(tmp_path / "plan.toml", tmp_path / "out")
+    with pytest.raises(InputError, match="contains a capture already"), begin(tmp_path / "plan.toml", tmp_path / "out"):
+        pass
 
 
 def test_capture_needs_no_jax() -> None:

@@ -2,14 +2,12 @@
 
 import io
 import re
-import time
 
 import numpy as np
 import pytest
 from hand_fed import HandFed
 from rich.console import Console
 
-from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.guide import Phase
 from tumblecal.capture.run.screen import Screen, line_of, rendered
 from tumblecal.recordings.dwells.captured import identity_of
@@ -74,7 +72,7 @@ def test_an_instrument_of_a_kind_without_serial_numbers_is_confirmed_by_the_oper
         fed.feed()
     assert fed.guide.phase == Phase.SETTLING and fed.entries("rejected")[0]["reason"] == "identity not confirmed"
     assert "identity not confirmed" in line_of(fed.guide) and "press Enter if it is the same one" in line_of(fed.guide)
-    fed.guide.press("\n")
+    fed.press("\n")
     fed.until(Phase.FINISHED)
     assert [entry["entry"] for entry in fed.state.doubts] == ["identity_not_confirmed", "identity_trusted"]
     assert not fed.state.to_confirm
@@ -135,14 +133,3 @@ def test_plain_lines_have_each_estimate_once(tmp_path, capsys):
     fed.until(Phase.RECORDING)
     screen.show(fed.guide)
     assert capsys.readouterr().out == f"{lines[1]}\n{line_of(fed.guide)}\n"
-
-
-def test_a_plan_of_hundreds_of_positions_does_not_hold_up_the_guide():
-    """What is asked at every poll: where a position is, and how near is near enough (half the smallest separation)."""
-    grid = {"beta_deg": [0, 30, 60, 90], "alpha_deg": [2.0 * k for k in range(180)]}
-    plan = CapturePlan.model_validate({"positions": grid})
-    begun = time.process_time()
-    for _ in range(20):
-        assert plan.tolerance_deg == pytest.approx(0.5, rel=0.01)  # at beta 60 two degrees of alpha are one apart
-        plan.expected(700)
-    assert time.process_time() - begun < 1.0

@@ -186,8 +186,8 @@ def test_resume_refuses_a_changed_plan(finished: Path, tmp_path: Path) -> None:
 
     (tmp_path / JOURNAL_NAME).write_bytes((finished / JOURNAL_NAME).read_bytes())
     (tmp_path / "plan.toml").write_text(ONE + "# changed\n")
-    with pytest.raises(InputError, match="was changed after the capture began"):
-        resume(tmp_path)
+    with pytest.raises(InputError, match="was changed after the capture began"), resume(tmp_path):
+        pass
 
 
 def test_journal_with_a_torn_tail_resumes(finished: Path, tmp_path: Path) -> None:

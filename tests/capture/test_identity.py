@@ -3,6 +3,8 @@
 import contextlib
 import json
 import time
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from bench import CaptureProcess, Emulator
 
 from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.journal import Journal, read_journal, replayed
-from tumblecal.capture.run.contact import WAITS_S
-from tumblecal.capture.run.identity import Identity
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.run.contact import WAITS_S, Contact
+from tumblecal.capture.run.run_folder import RunFolder
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.reduce import reduced
@@ -88,14 +91,17 @@ def test_questions_are_bounded_and_grow_and_a_late_answer_counts(tmp_path, monke
     journal = Journal(tmp_path)
     journal.write("device", serial_number="N1", events=[{"kind": "configuration", "raw": "aa"}])
     journal.write("accepted", position=0, attempt=1, log_start=0, log_stop=1, sha256="", summary={})
-    identity = Identity(journal, lambda query: sent.append(now[0]), (b"I\r",), trust=False)
-    identity.interrupted({"event": "reopened"}, 1.0)
+    plan = SimpleNamespace(port=SimpleNamespace(speed=1.0))
+    recording = SimpleNamespace(send=lambda query: sent.append(now[0]))
+    stream = SimpleNamespace(recording=recording, protocol=replace(protocol("stim300"), queries=(b"I\r",)))
+    identity = Contact(RunFolder(tmp_path, plan, journal), stream)  # type: ignore[arg-type]
+    identity.interrupted({"event": "reopened"})
     while not identity.hear([], 1):
         now[0] += 0.01
     np.testing.assert_allclose(sent, np.concatenate([[0], np.cumsum(WAITS_S)[:-1]]), atol=0.1)
     assert (np.diff(WAITS_S) > 0).all() and identity.doubted and not identity.asking
     assert not identity.hear([Event(0, "serial_number", {"serial_number": "N1"})], 1) and not identity.doubted
-    with pytest.raises(InputError, match="settings of the instrument differ"):
+    with pytest.raises(InputError, match="began with other settings of the instrument"):
         identity.hear([Event(0, "configuration", {"raw": "bb"})], 1)
     with pytest.raises(InputError, match="N2 is connected"):
         identity.hear([Event(0, "serial_number", {"serial_number": "N2"})], 1)
@@ -103,15 +109,7 @@ def test_questions_are_bounded_and_grow_and_a_late_answer_counts(tmp_path, monke
 
 
 def test_an_older_run_that_was_to_compare_its_instrument_is_to_be_confirmed():
-    accepted = {
-        "entry": "accepted",
-        "position": 0,
-        "attempt": 1,
-        "log_start": 0,
-        "log_stop": 1,
-        "sha256": "",
-        "summary": {},
-    }
+    accepted = dict(entry="accepted", position=0, attempt=1, log_start=0, log_stop=1, sha256="", summary={})
     entries = [accepted | {"wall_ns": 1}, {"entry": "identity_not_confirmed"}]
     assert replayed(entries).to_confirm
     assert not replayed([*entries, {"entry": "compared", "agrees": True}]).to_confirm

@@ -5,6 +5,7 @@ import pty
 import threading
 import time
 import tty
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +14,13 @@ import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.losses import Rates, losses_from_time
-from tumblecal.capture.journal import RunState
+from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.run.contact import meet
+from tumblecal.capture.run.contact import Contact
 from tumblecal.capture.run.dwell import losses_of
+from tumblecal.capture.run.run_folder import RunFolder
 
 
 class Board:
@@ -53,7 +55,9 @@ def test_a_backlog_does_not_change_the_rate(tmp_path: Path) -> None:
     how = protocol("text")
     stream = LiveStream(recording, how, None, how.decoder_options(plan.port.columns, plan.port.unit))
     try:
-        assert meet(stream, plan, RunState()).rate_hz == pytest.approx(100, rel=0.03)
+        with closing(Journal(tmp_path)) as journal:
+            (contact := Contact(RunFolder(tmp_path, plan, journal), stream)).meet()
+            assert contact.rate_hz == pytest.approx(100, rel=0.03)
     finally:
         recording.stop()
         board.close()

@@ -1,7 +1,6 @@
 """`tumblecal capture`: the guided measurement."""
 
 import contextlib
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +14,6 @@ from tumblecal.ground.suggested_command import EVERY, suggested
 
 if TYPE_CHECKING:
     from tumblecal.capture.capture_plan import CapturePlan
-    from tumblecal.capture.run.run_folder import RunFolder
 
 
 _LONGEST_WAIT_S = 86400.0
@@ -49,10 +47,8 @@ class OperatorOptions:
 
     def still_mounted(self) -> bool:
         """Whether the operator confirms that the instrument was not remounted."""
-        if self.yes:
-            return True
-        answer = input("Is the instrument still in its fixture, without a remount? [y/n] ")
-        return answer.strip().lower().startswith("y")
+        asked = "Is the instrument still in its fixture, without a remount? [y/n] "
+        return self.yes or input(asked).strip().lower().startswith("y")
 
 
 @Parameter(name="*")
@@ -86,7 +82,9 @@ class ChamberOptions:
 
         **Raises:** `InputError` for a value that is not above 0, or for options that the plan does not need.
         """
+        from tumblecal.capture.capture_plan import SoakTable
         from tumblecal.capture.chamber.soak import OPERATOR
+        from tumblecal.ground.strict_toml import checked
 
         criterion = {
             "tolerance_degc": self.soak_tolerance,
@@ -99,13 +97,10 @@ class ChamberOptions:
             raise InputError(
                 "capture: the plan requests no temperature; remove --chamber and --soak-..., or add positions.temperature_degc"
             )
-        for key, value in stated.items():
-            if not 0 < value < float("inf"):
-                raise InputError(f"capture: {key} {value:g}: must be a number above 0")
-        chamber = plan.chamber
-        if self.chamber is not None:
-            chamber = chamber.model_copy(update={"url": "" if self.chamber == OPERATOR else self.chamber})
-        return plan.model_copy(update={"soak": plan.soak.model_copy(update=stated), "chamber": chamber})
+        soak = checked(Path("--soak-..."), plan.soak.model_dump() | stated, SoakTable)
+        url = plan.chamber.url if self.chamber is None else self.chamber
+        chamber = plan.chamber.model_copy(update={"url": "" if url == OPERATOR else url})
+        return plan.model_copy(update={"soak": soak, "chamber": chamber})
 
 
 def capture(
@@ -135,7 +130,8 @@ def capture(
     port
         Serial port. Default: the port of the plan. Example: --port /dev/ttyUSB0.
     """
-    from tumblecal.capture.run.session import capture as run
+    from tumblecal.capture.run import run_folder
+    from tumblecal.capture.run.session import capture as guided
     from tumblecal.capture.run.stop_signals import Stopped
     from tumblecal.cli.interrupts import end_by
     from tumblecal.cli.live_estimate import live_estimate
@@ -143,63 +139,32 @@ def capture(
     if not 0 <= operator.wait <= _LONGEST_WAIT_S:
         raise InputError(f"--wait {operator.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
     stopped_by = None
-    with _run_folder(plan, out, resume, port) as run_folder:
-        if resume is not None and run_folder.complete:
-            print(_end(run_folder))
-            return
-        given = {name: value for name, value in vars(temperature).items() if value is not None}
-        temperature = ChamberOptions(**(run_folder.journal.state.temperature_options | given))
-        run_folder.plan = temperature.applied(run_folder.plan)
-        if given:
-            run_folder.journal.write("temperature_options", options=given)
-        live = live_estimate(run_folder.plan) if operator.estimate else None
-        try:
+    if plan is not None and out is not None and resume is None:
+        begun = run_folder.begin(plan, out, port)
+    elif resume is not None and plan is out is None:
+        begun = run_folder.resume(resume, port)
+    else:
+        raise InputError("capture: give a plan with --out DIR for a new run, or --resume DIR alone")
+    with begun as run:
+        accepted, count = run.journal.state.accepted, len(run.plan.steps)
+        warn(run.folder, run.journal.damage)
+        if not run.complete:
+            if resume is not None:
+                print(f"{run.folder}: {len(accepted)} of {count} positions done")
+            given = {name: value for name, value in vars(temperature).items() if value is not None}
+            run.plan = ChamberOptions(**run.journal.state.temperature_options | given).applied(run.plan)
+            if given:
+                run.journal.write("temperature_options", options=given)
+            live = live_estimate(run.plan) if operator.estimate else None
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
-            run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
-        except Stopped as stop:
-            stopped_by = stop.number
-    folder = run_folder.folder
+            try:
+                guided(run, estimate=live, confirm=operator.still_mounted, **how)
+            except Stopped as stop:
+                stopped_by = stop.number
+    words = f"stopped with {len(accepted)} of {count} positions; continue with: {suggested('capture', '--resume', run.folder)}"
+    if run.complete:
+        words = f"all {count} positions are recorded; next: {suggested('reduce', run.folder, less=EVERY)}"
     with contextlib.suppress(OSError):  # the terminal may be gone
-        if run_folder.complete:
-            print(_end(run_folder))
-        else:
-            print(
-                f"{folder}: stopped with {_done(run_folder)}; continue with: {suggested('capture', '--resume', folder)}"
-            )
-        sys.stdout.flush()
+        print(f"{run.folder}: {words}", flush=True)
     if stopped_by is not None:
         end_by(stopped_by)
-
-
-def _end(run: "RunFolder") -> str:
-    """The last line of a complete run."""
-    reduced = suggested("reduce", run.folder, less=EVERY)
-    return f"{run.folder}: all {len(run.plan.steps)} positions are recorded; next: {reduced}"
-
-
-def _done(run: "RunFolder") -> str:
-    return f"{len(run.journal.state.accepted)} of {len(run.plan.steps)} positions"
-
-
-def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: str | None) -> "RunFolder":
-    """The folder of the run, new or resumed.
-
-    **Raises:** `InputError` for options that contradict each other, or a folder that another process uses.
-    """
-    from tumblecal.capture.run.run_folder import begin
-    from tumblecal.capture.run.run_folder import resume as resume_run
-
-    if (plan is None) == (resume is None):
-        raise InputError("capture: give either a plan with --out DIR, or --resume DIR")
-    if resume is not None:
-        if out is not None:
-            raise InputError("capture: --out contradicts --resume, which continues in its folder; remove --out")
-        resumed = resume_run(resume, port)
-        warn(resume, resumed.journal.damage)
-        if not resumed.complete:
-            print(f"{resume}: {_done(resumed)} done")
-        return resumed
-    assert plan is not None
-    if out is None:
-        raise InputError("capture: no folder for the data; add --out DIR")
-    return begin(plan, out, port)

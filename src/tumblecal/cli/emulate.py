@@ -56,7 +56,7 @@ def emulate(
         Mounting of the triad, a label of the rig file. Default: the first one of its plan. Example: --mount B.
     """
     from tumblecal.capture.emulator.config import read_emulation
-    from tumblecal.capture.emulator.device import VirtualDevice
+    from tumblecal.capture.emulator.device import VirtualDevice, ideal
     from tumblecal.capture.emulator.instrument import VirtualInstrument
     from tumblecal.capture.emulator.operator import Follower, Typist
     from tumblecal.capture.run.stop_signals import StopSignals
@@ -65,13 +65,14 @@ def emulate(
 
     if not speed > 0:
         raise InputError(f"emulate: --speed {speed}: must be above 0")
-    protect_inputs([config, *effects], out=ledger)
-    protect_inputs([config, *effects], out=port)
-    protect_inputs([config, *effects], out=chamber)
+    for made in (ledger, port, chamber):
+        protect_inputs([config, *effects], out=made)
     if chamber is not None and chamber.absolute() == port.absolute():
         raise InputError(f"emulate: --chamber {chamber} is also --port; give another name")
     wanted = read_emulation(config)
-    truth = _truth(wanted, config, effects, mount)
+    if wanted.rig is None and mount is not None:
+        raise InputError(f"--mount {mount}: {config} states no rig; add rig = and the file with [mounts.{mount}]")
+    truth = ideal if wanted.rig is None else exact_truth(wanted, wanted.rig, config, effects, mount)
     operator = Follower(follow, wanted) if follow is not None else Typist()
     with StopSignals() as signals:
         device = VirtualDevice(wanted, truth)
@@ -79,7 +80,7 @@ def emulate(
             device, port, speed, lambda device: signals.received is None and operator(device), ledger, chamber
         )
         with contextlib.suppress(OSError):  # the terminal may be gone
-            print(f"{device.protocol.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
+            print(f"{device.protocol.title} at {port}, {device.rate_hz:g} Hz; Ctrl-C ends", flush=True)
         instrument.run(math.inf if seconds is None else seconds)
     with contextlib.suppress(OSError):
         print(f"sent {device.ledger.intact} complete samples of {device.ledger.generated}", flush=True)
@@ -89,41 +90,17 @@ def emulate(
         end_by(signals.received)
 
 
-def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...], mount: str | None) -> "TruthFunction":
-    """The exact chain of the rig with its true parameters and effects; an ideal instrument if there is no rig.
-
-    **Raises:** `InputError` for a range that the device does not have.
-    """
-    from tumblecal.capture.emulator.device import ideal
-    from tumblecal.capture.protocols import protocol
-    from tumblecal.ground.toml_faults import faults_at
-
-    with faults_at(config, "instrument.protocol"):
-        spoken = protocol(wanted.instrument.protocol)
-    spoken.check_range(wanted.instrument.range_g, f"{config}: instrument.range_g")
-    if wanted.rig is None:
-        if mount is not None:
-            raise InputError(f"--mount {mount}: {config} states no rig; add rig = and the file with [mounts.{mount}]")
-        return ideal
-    return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects, files, stated=config, mount=mount)
-
-
 def exact_truth(
-    path: Path,
-    effects: dict[str, list[float]],
-    files: tuple[Path, ...] = (),
-    *,
-    stated: Path | None = None,
-    mount: str | None = None,
-):
-    """Readings at a position by the exact chain of a rig file, with effects of the catalogue in their own units.
+    wanted: "Emulation", rig_file: str, config: Path, files: tuple[Path, ...], mount: str | None
+) -> "TruthFunction":
+    """Readings at a position by the exact chain of the rig with its true parameters, and effects in their catalogue's units.
 
-    `files`: Python files with user-defined effects. `stated`: the file that states the effects, for error messages. `mount`:
-    the mounting; None: the first one of the rig's plan.
+    `config`: the file of the virtual instrument. `files`: Python files with user-defined effects. `mount`: the mounting;
+    None: the first one of the rig's plan.
 
     **Raises:** `InputError` for an unknown effect, more values than its coefficients, or a mounting that the plan lacks.
     """
-    import dataclasses
+    from dataclasses import replace
 
     import numpy as np
 
@@ -132,34 +109,44 @@ def exact_truth(
     start()
     import equinox as eqx
 
+    from tumblecal.chain import Chain
     from tumblecal.chain.where import settings, with_visits
     from tumblecal.effects import catalogue
-    from tumblecal.effects.catalogue import read_rig_with_effects
+    from tumblecal.effects.added_terms import base_unit
+    from tumblecal.effects.catalogue import entry, links, read_rig_with_effects
+    from tumblecal.ground.toml_faults import faults_at
 
-    entries = catalogue(*files)
+    path, entries = (config.parent / rig_file).resolve(), catalogue(*files)
     rig = read_rig_with_effects(path, entries)
     if "[head.noise]" in rig.tables_of_head:
         warn(path, ["[head.noise] is not used by `emulate`: the virtual instrument states its noise"])
     plan = rig.plan
-    mount = plan.mounts[0] if mount is None else mount
-    mounted = np.array([label == mount for label in plan.mounts])
+    mounted = np.array([label == (mount or plan.mounts[0]) for label in plan.mounts])
     if not mounted.any():
         known = ", ".join(dict.fromkeys(plan.mounts))
         raise InputError(f"--mount {mount}: {path} has no positions in this mounting; mountings of its plan: {known}")
-    plan_alpha, plan_beta = np.radians(plan.alpha_deg), np.radians(plan.beta_deg)
-    count = len(plan_alpha)
+    plan_alpha, plan_beta, count = np.radians(plan.alpha_deg), np.radians(plan.beta_deg), len(plan.alpha_deg)
+    # Effects of the temperature need several soaks.
+    degc = np.resize(np.linspace(0.0, 50.0, 6), count)
     where = settings(
         plan_alpha,
         plan_beta,
         run=plan.runs,
         mount=plan.mounts,
         time_s=np.zeros(count),
-        # Effects of the temperature need several soaks.
-        temperature_degc=np.resize(np.linspace(0.0, 50.0, 6), count),
+        temperature_degc=degc,
         approach=np.ones(count),
     )
     where = with_visits(where, {leaf.by for leaf in rig.leaves.values()})
-    chain = _with_effects(rig.true_chain(where), effects, where, entries, stated or path)
+    chain = rig.true_chain(where)
+    for id, values in wanted.effects.items():
+        with faults_at(config, f"effects.{id}"):
+            scale = base_unit(entry(entries, id).unit)[1]
+            link = links(entries, (id,), where)[id][0]
+            names = [name for leaf in Chain((link,)).parameters for name in leaf.names]
+            if len(names) < len(values):
+                raise InputError(f"{len(values)} values, but it has {counted(len(names), 'coefficient')}")
+            chain = (chain + link).named({name: scale * value for name, value in zip(names, values, strict=False)})
     evaluate = eqx.filter_jit(lambda chain, where: chain(where))
 
     def truth(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float):
@@ -167,37 +154,15 @@ def exact_truth(
         # Each pitch setting of the rig has an error, and each visit of it in a plan of visits: that of the nearest position.
         turned = np.abs(np.sin((plan_alpha - alpha) / 2))
         row = int(np.lexsort((turned, np.round(np.abs(plan_beta - beta), 9), ~mounted))[0])
-        alphas, betas = plan_alpha.copy(), plan_beta.copy()
-        alphas[row], betas[row] = alpha, beta
-        # The time of effects begins at the first position, so the other rows remain at zero.
-        times = np.zeros(count)
-        times[row] = time_s
-        here = dataclasses.replace(
+        here = np.arange(count) == row
+        now = replace(
             where,
-            alpha=alphas,
-            beta=betas,
-            time_s=times,
+            alpha=np.where(here, alpha, plan_alpha),
+            beta=np.where(here, beta, plan_beta),
+            # The time of effects begins at the first position, so the other rows remain at zero.
+            time_s=np.where(here, time_s, 0.0),
             temperature_degc=np.full(count, temperature_degc),
         )
-        return np.asarray(evaluate(chain, here))[row]
+        return np.asarray(evaluate(chain, now))[row]
 
     return truth
-
-
-def _with_effects(chain, effects: dict[str, list[float]], where, entries, stated: Path):
-    from tumblecal.effects.added_terms import base_unit
-    from tumblecal.effects.catalogue import entry, links
-    from tumblecal.ground.toml_faults import faults_at
-
-    for id, values in effects.items():
-        with faults_at(stated, f"effects.{id}"):
-            unit = entry(entries, id).unit
-            link = links(entries, (id,), where)[id][0]
-            before = {name for leaf in chain.parameters for name in leaf.names}
-            chain = chain + link
-            names = [name for leaf in chain.parameters for name in leaf.names if name not in before]
-            if len(names) < len(values):
-                raise InputError(f"{len(values)} values, but it has {counted(len(names), 'coefficient')}")
-        scale = base_unit(unit)[1]
-        chain = chain.named({name: value * scale for name, value in zip(names, values, strict=False)})
-    return chain

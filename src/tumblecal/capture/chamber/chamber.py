@@ -1,9 +1,8 @@
 """A temperature chamber on a serial line (or a socket) with commands in text, such as those of SCPI."""
 
+import math
 import re
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Protocol
 
 from tumblecal.capture.capture_plan import ChamberTable
@@ -21,7 +20,10 @@ _DEGC = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?:deg|°)
 
 
 class Chamber(Protocol):
-    """A temperature chamber; its methods raise `InputError` in one line if it does not answer or accept a temperature."""
+    """A temperature chamber; its methods raise `InputError` in one line if it does not answer or accept a temperature.
+
+    They are called in a thread, one at a time, so they may wait.
+    """
 
     @property
     def name(self) -> str:
@@ -47,24 +49,17 @@ class TextChamber:
     **Arguments:**
 
     - `table`: port and commands.
-
-    **Raises:** `InputError` if the port cannot be opened.
     """
-
-    name: str
 
     def __init__(self, table: ChamberTable):
         self.name, self._table = table.url, table
         self._port: Port | None = None
-        with self._line():
-            pass
 
     def set_temperature(self, degc: float) -> None:
         """Request a temperature; the set point is read back if the table has a command for it."""
         table, command = self._table, self._table.set.format(float(degc))
-        with self._line() as port:
-            self._send(port, command)
-        stated = self._asked(table.set_query, table.set_query_field) if table.set_query else degc
+        self._exchange(command)
+        stated = self._exchange(table.set_query, table.set_query_field) if table.set_query else degc
         if abs(stated - degc) > _SET_WITHIN_DEGC:
             raise InputError(
                 f"chamber {self.name}: the set point is {stated:g} degC after {command!r}: correct its limits, or chamber.set "
@@ -73,7 +68,7 @@ class TextChamber:
 
     def temperature(self) -> float:
         """The temperature of the chamber, degC."""
-        return self._asked(self._table.query, self._table.query_field)
+        return self._exchange(self._table.query, self._table.query_field)
 
     def close(self) -> None:
         """Release the port."""
@@ -81,21 +76,20 @@ class TextChamber:
             self._port.close()
             self._port = None
 
-    @contextmanager
-    def _line(self) -> Iterator[Port]:
-        """The port, opened if needed."""
+    def _exchange(self, command: str, field: int = 0) -> float:
+        """Send a command, and return the number at a field (from 1) of a line of the answer; NaN for a command without one."""
         try:
             if self._port is None:
                 self._port = Port(self.name, self._table.baud)
-                for command in self._table.start:
-                    self._send(self._port, command)
-            yield self._port
+                for first in self._table.start:
+                    self._send(self._port, first)
+            return self._answer(self._port, command, field)
         except InputError as error:
-            raise InputError(f"chamber: {error}") from error
+            raise InputError(f"chamber {self.name}: {error}") from error
         except OSError as error:
             self.close()
             raise InputError(
-                f"chamber {self.name}: the line is interrupted ({error}); check its cable and power"
+                f"chamber {self.name}: the line is interrupted ({error}); check cable and power"
             ) from error
 
     def _send(self, port: Port, command: str) -> None:
@@ -103,37 +97,27 @@ class TextChamber:
         port.read()
         port.write((command + _TERMINATORS[self._table.terminator]).encode())
 
-    def _asked(self, query: str, field: int) -> float:
+    def _answer(self, port: Port, query: str, field: int) -> float:
         """The number in the answer to a query, which is repeated twice if there is none."""
         seen = ""
         for _ in range(_TRIES):
-            with self._line() as port:
-                self._send(port, query)
-                for line in self._lines(port):
-                    if (value := _temperature_in(line, field)) is not None:
-                        return value
+            self._send(port, query)
+            if not field:
+                return math.nan
+            answer, late, late_s = b"", False, time.monotonic() + self._table.timeout_s
+            while not late:
+                time.sleep(_POLL_S)
+                answer += port.read()
+                late = time.monotonic() >= late_s
+                lines = re.split(r"[\r\n]+", answer.decode(errors="replace"))
+                # The last line is unfinished, unless no more comes.
+                for line in filter(None, map(str.strip, lines if late else lines[:-1])):
+                    fields = re.split(r"[,;]|\s+(?=[-+.\d])", line)
+                    number = _DEGC.fullmatch(fields[field - 1].strip()) if len(fields) >= field else None
+                    if number and _LOWEST_DEGC <= float(number[1]) <= _HIGHEST_DEGC:
+                        return float(number[1])
                     seen = line
-        fault = f"no answer in {self._table.timeout_s:g} s; check cable, baud rate ({self._table.baud}) and terminator"
-        if seen:
-            fault = (
-                f"the answer {shown(seen)} has no temperature in degC at field {field}; set the controller to degC, "
-                "or correct chamber.query and query_field of the plan"
-            )
-        raise InputError(f"chamber {self.name}: {query!r}, asked {_TRIES} times: {fault}")
-
-    def _lines(self, port: Port) -> Iterator[str]:
-        """The lines of an answer until the timeout; an unfinished line at the end."""
-        rest, deadline = b"", time.monotonic() + self._table.timeout_s
-        while time.monotonic() < deadline:
-            *lines, rest = re.split(rb"[\r\n]+", rest + port.read())
-            yield from (line.decode(errors="replace").strip() for line in lines if line.strip())
-            time.sleep(_POLL_S)
-        if rest.strip():
-            yield rest.decode(errors="replace").strip()
-
-
-def _temperature_in(line: str, field: int) -> float | None:
-    """The number at a field (from 1) of a line, degC; None if it is none, or has another unit."""
-    fields = re.split(r"[,;]|\s+(?=[-+.\d])", line.strip())
-    found = _DEGC.fullmatch(fields[field - 1].strip()) if len(fields) >= field else None
-    return float(found[1]) if found and _LOWEST_DEGC <= float(found[1]) <= _HIGHEST_DEGC else None
+        raise InputError(
+            f"{query!r}, asked {_TRIES} times, {shown(seen) if seen else 'nothing'} came: no temperature in degC at field "
+            f"{field}; check cable, baud rate ({self._table.baud}), terminator and query, and set the controller to degC"
+        )

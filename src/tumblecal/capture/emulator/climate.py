@@ -5,6 +5,10 @@ import numpy as np
 from tumblecal.capture.emulator.config import Emulation
 
 
+# A smaller lag is none, s.
+_LEAST_LAG_S = 1e-9
+
+
 class Climate:
     """A chamber with an instrument in it.
 
@@ -18,10 +22,6 @@ class Climate:
     `air_degc`, `die_degc`, `thermometer_degc`: true temperature of the air and of the die, and reading of the thermometer.
     """
 
-    air_degc: float
-    die_degc: float
-    thermometer_degc: float
-
     def __init__(self, config: Emulation):
         self._chamber, self._thermal = config.chamber, config.temperature
         self.air_degc = self.set_point_degc = config.instrument.temperature_degc
@@ -34,13 +34,9 @@ class Climate:
     def advance(self, seconds: float) -> None:
         """Let time pass, in steps that are short compared with the lags."""
         thermal, air, die = self._thermal, self.air_degc, self.die_degc
+        lags_s = np.maximum([thermal.die_lag_s, thermal.thermometer_lag_s], _LEAST_LAG_S)
+        of_die, of_thermometer = (-np.expm1(-seconds / lags_s)).tolist()
         step = self._chamber.ramp_degc_per_min / 60 * seconds
         self.air_degc += float(np.clip(self.set_point_degc - air, -step, step))
-        surrounding = (air + self.air_degc) / 2 + thermal.self_heating_degc
-        self.die_degc += (surrounding - die) * _fraction(seconds, thermal.die_lag_s)
-        middle = (die + self.die_degc) / 2
-        self.thermometer_degc += (middle - self.thermometer_degc) * _fraction(seconds, thermal.thermometer_lag_s)
-
-
-def _fraction(seconds: float, lag_s: float) -> float:
-    return float(-np.expm1(-seconds / lag_s)) if lag_s else 1.0
+        self.die_degc += ((air + self.air_degc) / 2 + thermal.self_heating_degc - die) * of_die
+        self.thermometer_degc += ((die + self.die_degc) / 2 - self.thermometer_degc) * of_thermometer

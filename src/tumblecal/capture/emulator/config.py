@@ -1,13 +1,15 @@
 """The description of a virtual instrument: a TOML file."""
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from tumblecal.capture.capture_plan import Celsius, NotNegative, Positive, Site, check_kind
+from tumblecal.capture.protocols import protocol
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
+from tumblecal.ground.toml_faults import faults_at
 from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
@@ -42,10 +44,13 @@ class InstrumentNoise(Strict):
     @property
     def model(self) -> Noise:
         """The accelerometers' noise."""
-        sizes = (self.white_g_per_rthz, self.flicker_g, self.markov_sd_g, self.walk_g_per_rts)
-        white, flicker, markov, walk = (np.full(3, float(size)) for size in sizes)
-        parts = (White(white), Flicker(flicker), GaussMarkov(markov, float(self.markov_time_s)), RandomWalk(walk))
-        return Noise(tuple(part for part, size in zip(parts, sizes, strict=True) if size))
+        kinds = (
+            (White, self.white_g_per_rthz),
+            (Flicker, self.flicker_g),
+            (partial(GaussMarkov, time_s=float(self.markov_time_s)), self.markov_sd_g),
+            (RandomWalk, self.walk_g_per_rts),
+        )
+        return Noise(tuple(kind(np.full(3, float(size))) for kind, size in kinds if size))
 
 
 class VirtualChamberTable(Strict):
@@ -84,7 +89,7 @@ class Faults(Strict):
     missing_frames_per_s: NotNegative = 0.0
     stalls_per_s: NotNegative = 0.0
     overloads_per_s: NotNegative = 0.0
-    unplug_at_s: Annotated[list[Number], Field(default_factory=list)]
+    unplug_at_s: list[Number] = Field(default_factory=list)
     unplug_for_s: Positive = 1.0
 
 
@@ -110,7 +115,7 @@ class Emulation(Strict):
     head: Head = Head()
     chamber: VirtualChamberTable = VirtualChamberTable()
     temperature: ThermalTable = ThermalTable()
-    faults: Faults = Faults.model_validate({})
+    faults: Faults = Faults()
     mistake: list[Mistake] = Field(default_factory=list)
 
     @property
@@ -123,8 +128,12 @@ class Emulation(Strict):
 def read_emulation(path: Path) -> Emulation:
     """Read and check a virtual instrument.
 
-    **Raises:** `InputError` with all faults; for the plan of a capture, with this fault only.
+    **Raises:** `InputError` with all faults; for the plan of a capture, with this fault only; for a range that the device does
+    not have.
     """
     content = read_toml(path)
     check_kind(path, content, "emulate")
-    return checked(path, content, Emulation)
+    emulation = checked(path, content, Emulation)
+    with faults_at(path, "instrument"):
+        protocol(emulation.instrument.protocol).check_range(emulation.instrument.range_g, "range_g")
+    return emulation

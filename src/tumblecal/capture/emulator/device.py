@@ -1,7 +1,7 @@
 """The virtual device: samples at the device's clock, encoded, with a ledger of the true events."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,7 @@ class Ledger:
 
     def as_dict(self) -> dict[str, float | str]:
         """The ledger as keys and values of a file; `lost`: samples that cannot arrive, except those replaced by replies."""
-        lost = self.missing + self.unplugged + self.overrun
-        return asdict(self) | {"warning": self.warning(), "lost": lost}
+        return asdict(self) | {"warning": self.warning(), "lost": self.missing + self.unplugged + self.overrun}
 
     def warning(self) -> str:
         """The effect of a late emulator on the data; empty if it was in time."""
@@ -71,23 +70,21 @@ class VirtualDevice:
 
     - `config`: its description.
     - `truth`: its output at rest; by default that of an ideal instrument.
+
+    `plugged`: whether its bytes reach the other end of the cable.
     """
 
     def __init__(self, config: Emulation, truth: TruthFunction = ideal):
-        self.config, self._truth = config, truth
-        self.rate_hz = config.instrument.rate_hz
+        self.config, self.rate_hz, self._truth = config, config.instrument.rate_hz, truth
         self.protocol = protocol(config.instrument.protocol)
         self.settings = Settings(rate_hz=self.rate_hz, temperatures=config.sends_temperatures)
         if self.protocol.ranges_g:
             self.settings = self.protocol.with_range(self.settings, config.instrument.range_g)
-        head = config.head
-        self.head = DividingHead(head.alpha_deg, head.beta_deg, head.turn_s, head.knock_g)
-        self.climate, self.ledger, self.plugged = Climate(config), Ledger(), True
+        self.head, self.climate, self.ledger, self.plugged = DividingHead(config.head), Climate(config), Ledger(), True
         self._noise = SampleStream(config.noise.model, 1 / self.rate_hz, config.noise.seed)
         self._random = np.random.default_rng([config.noise.seed, 1])
-        self._starting_until_s, self._counter_offset = config.instrument.start_up_s, 0
-        self._replies, self._input = list[bytes](), b""
-        self._known: tuple[tuple, NDArray] | None = None
+        self._starting_until_s, self._first = config.instrument.start_up_s, 0
+        self._replies, self._commands, self._key = list[bytes](), b"", ()
         # Compiled before the clock runs, which may take seconds.
         self._at_rest(0.0)
 
@@ -99,70 +96,74 @@ class VirtualDevice:
     def restart(self) -> None:
         """Power off and on: the counter restarts, and the start-up messages are sent."""
         self.ledger.restarts += 1
-        self._counter_offset = self.ledger.generated
+        self._first = self.ledger.generated
         self._starting_until_s = self.time_s + self.config.instrument.start_up_s
         self.command(b"N\rI\rC\r")
 
     def command(self, data: bytes) -> None:
         """Receive commands; the replies are sent instead of the next samples."""
         instrument = self.config.instrument
-        *commands, self._input = (self._input + data).replace(b"\n", b"\r").split(b"\r")
+        *commands, self._commands = (self._commands + data).replace(b"\n", b"\r").split(b"\r")
         answers = (self.protocol.answer(command, self.settings, instrument.serial_number) for command in commands)
         self._replies += filter(None, answers) if instrument.answers else []
 
     def advance(self, n: int) -> bytes:
         """The bytes of the next `n` samples, as they arrive at the other end of the cable."""
-        out = b""
-        while n > 0:
-            block = min(n, max(1, int(_BLOCK_S * self.rate_hz)))
-            samples = self.samples(block)
-            self.ledger.generated += block
-            n -= block
-            if self.plugged:
-                out += self._sent(samples)
-            else:
-                self.ledger.unplugged += block
+        out, size = b"", max(1, int(_BLOCK_S * self.rate_hz))
+        for start in range(0, n, size):
+            samples = self.samples(min(size, n - start))
+            self.ledger.generated += len(samples)
+            out += self._sent(samples)
         return out
 
     def samples(self, n: int) -> Samples:
         """The next `n` samples, as the device measures them."""
-        config, random = self.config, self._random
+        config, random, counter = self.config, self._random, self.protocol.counter
         number = self.ledger.generated + np.arange(n)
         times = number / self.rate_hz
-        middle, samples = float(times[n // 2]), blank(n)
+        middle = float(times[n // 2])
         self.climate.advance(n / self.rate_hz)
-        samples.force[:] = self._at_rest(middle) * (config.site.gravity.value_ms2 / STANDARD_GRAVITY_MS2)
-        samples.force[:] += self._noise.take(n) + self.head.shaking(times, random)
-        samples.rate[:] = random.normal(size=(n, 3)) * config.noise.gyro_sd_dps + self.head.rates(middle)
-        thermometer_noise = config.temperature.thermometer_noise_degc * random.normal(size=n)
-        samples.temperature[:] = self.climate.thermometer_degc + thermometer_noise
-        counter = self.protocol.counter
-        ticks = counter.ticks_per_s / self.rate_hz if counter is not None and counter.ticks_per_s else 1.0
-        ticked = np.rint((number - self._counter_offset) * ticks).astype(np.int64)
-        samples.counter[:] = ticked % counter.modulus if counter is not None else ticked
-        samples.status[times < self._starting_until_s] |= np.uint8(Status.STARTING)
+        force = self._at_rest(middle) * (config.site.gravity.value_ms2 / STANDARD_GRAVITY_MS2)
+        force = force + (self._noise.take(n) + self.head.shaking(times, random))
+        rate = random.normal(size=(n, 3)) * config.noise.gyro_sd_dps + self.head.rates(middle)
+        temperature = self.climate.thermometer_degc + config.temperature.thermometer_noise_degc * random.normal(size=n)
         overloaded = random.random(n) < config.faults.overloads_per_s / self.rate_hz
-        samples.status[overloaded] |= np.uint8(Status.OVERLOAD)
-        samples.force[overloaded] = config.instrument.range_g
         self.ledger.overloads += int(overloaded.sum())
-        return samples
+        ticks_per_s = (counter.ticks_per_s if counter else None) or self.rate_hz
+        ticked = np.rint((number - self._first) * (ticks_per_s / self.rate_hz)).astype(np.int64)
+        status = Status.STARTING * (times < self._starting_until_s) + Status.OVERLOAD * overloaded
+        return replace(
+            blank(n),
+            force=np.where(overloaded[:, None], config.instrument.range_g, force),
+            rate=rate,
+            temperature=temperature,
+            counter=ticked % counter.modulus if counter else ticked,
+            status=status.astype(np.uint8),
+        )
 
     def _at_rest(self, now_s: float) -> NDArray[np.float64]:
         """The true output, recomputed when the head moves, every few seconds, and with the temperature (effects that drift)."""
         # A late emulator makes its samples when they are read: drifts have continued meanwhile.
-        drifted_s, degc = now_s + self.ledger.behind_s, self.climate.die_degc
-        key = (*self.head.angles(now_s), int(drifted_s / _REFRESH_S), round(degc / _REFRESH_DEGC))
-        if self._known is None or self._known[0] != key:
-            self._known = (key, np.asarray(self._truth(*key[:2], drifted_s, degc), float))
-        return self._known[1]
+        (alpha, beta), drifted_s, degc = (
+            self.head.angles(now_s).tolist(),
+            now_s + self.ledger.behind_s,
+            self.climate.die_degc,
+        )
+        key = alpha, beta, int(drifted_s / _REFRESH_S), round(degc / _REFRESH_DEGC)
+        if key != self._key:
+            self._key, self._known = key, np.asarray(self._truth(alpha, beta, drifted_s, degc), float)
+        return self._known
 
     def _sent(self, samples: Samples) -> bytes:
         """The bytes of samples, of which some are missing and some replaced by replies."""
-        ledger = self.ledger
-        sent = self._random.random(len(samples)) >= self.config.faults.missing_frames_per_s / self.rate_hz
-        ledger.missing += int((~sent).sum())
-        samples, replies = samples[sent], self._replies[: int(sent.sum())]
-        self._replies = self._replies[len(replies) :]
+        ledger, count = self.ledger, len(samples)
+        if not self.plugged:
+            ledger.unplugged += count
+            return b""
+        samples = samples[self._random.random(count) >= self.config.faults.missing_frames_per_s / self.rate_hz]
+        ledger.missing += count - len(samples)
+        replies, self._replies = self._replies[: len(samples)], self._replies[len(samples) :]
+        samples = samples[len(replies) :]
         ledger.replaced += len(replies)
-        ledger.intact += len(samples) - len(replies)
-        return b"".join(replies) + self.protocol.encode(samples[len(replies) :], self.settings)
+        ledger.intact += len(samples)
+        return b"".join(replies) + (self.protocol.encode(samples, self.settings) if len(samples) else b"")

@@ -23,36 +23,6 @@ _FRAME_BYTES = 38
 Operator = Callable[[VirtualDevice], bool]
 
 
-class ChamberPort:
-    """Answers `MEAS:TEMP?`, `SOUR:TEMP:SPO?` and `*IDN?`, and obeys `SOUR:TEMP:SPO 40.0`; other commands get no answer.
-
-    **Arguments:**
-
-    - `climate`: the chamber. `link`: name of the port.
-    """
-
-    def __init__(self, climate: Climate, link: Path):
-        self._climate, self.port, self._input = climate, VirtualPort(link), b""
-
-    def serve(self) -> None:
-        """Obey the commands that have arrived."""
-        *lines, self._input = (self._input + self.port.read()).replace(b"\r", b"\n").split(b"\n")
-        for line in lines:
-            answer = ""
-            match line.decode(errors="replace").upper().split():
-                case ["*IDN?"]:
-                    answer = "tumblecal,virtual chamber,0,1"
-                case ["MEAS:TEMP?"]:
-                    answer = f"{self._climate.air_degc:.2f}"
-                case ["SOUR:TEMP:SPO?"]:
-                    answer = f"{self._climate.set_point_degc:.2f}"
-                case ["SOUR:TEMP:SPO", number]:
-                    with contextlib.suppress(ValueError):
-                        self._climate.set_temperature(float(number))
-            if answer:
-                self.port.write(f"{answer}\r\n".encode())
-
-
 class VirtualInstrument:
     """Device, cable and clock together.
 
@@ -62,7 +32,7 @@ class VirtualInstrument:
     - `link`: name of the port.
     - `speed`: device seconds per second.
     - `operator`: turns the head; None for no turns.
-    - `ledger`: file for the true events, written once a second and at the end.
+    - `ledger`: file for the true events, written at the end.
     - `chamber_link`: name of the chamber's port; None for a chamber that only the operator sets.
     """
 
@@ -71,41 +41,36 @@ class VirtualInstrument:
         device: VirtualDevice,
         link: Path,
         speed: float = 1.0,
-        operator: Operator | None = None,
+        operator: Operator = lambda device: True,
         ledger: Path | None = None,
         chamber_link: Path | None = None,
     ):
         self.device, self.port, self.faults = device, VirtualPort(link), device.config.faults
-        self._chamber = None if chamber_link is None else ChamberPort(device.climate, chamber_link)
-        self._speed, self._operator, self._ledger = speed, operator or (lambda device: True), ledger
+        self.chamber_port = None if chamber_link is None else VirtualPort(chamber_link)
+        self._speed, self._operator, self._ledger = speed, operator, ledger
         self._random = np.random.default_rng([device.config.noise.seed, 2])
         self._unplugs = sorted(self.faults.unplug_at_s)
         self._replug_s = self._held_until_s = 0.0
-        self._held = b""
+        self._held = self._commands = b""
 
     def run(self, seconds: float = math.inf) -> None:
         """Run for this many seconds of device time, or until the operator ends it."""
-        ledger, rate_hz, start = self.device.ledger, self.device.rate_hz, time.monotonic()
-        next_note = start + 1.0
+        ledger, rate_hz, start_s = self.device.ledger, self.device.rate_hz, time.monotonic()
         try:
-            while self.device.time_s < seconds:
-                due = int((time.monotonic() - start) * self._speed * rate_hz) - ledger.generated
+            while self.device.time_s < seconds and self._operator(self.device):
+                due = int((time.monotonic() - start_s) * self._speed * rate_hz) - ledger.generated
                 # A late computer sends in pieces, as the device would have done meanwhile.
                 count = min(due, math.ceil(_LONGEST_STEP_S * rate_hz))
                 ledger.behind_s = (due - count) / rate_hz
                 ledger.longest_behind_s = max(ledger.longest_behind_s, ledger.behind_s)
                 self.step(count)
-                if not self._operator(self.device):
-                    break
-                if time.monotonic() > next_note:
-                    self._note()
-                    next_note = time.monotonic() + 1.0
                 time.sleep(_TICK_S)
         finally:
-            self._note()
+            if self._ledger is not None:
+                write_text(self._ledger, json.dumps(ledger.as_dict() | {"time_s": self.device.time_s}, indent=1) + "\n")
             self.port.unplug()
-            if self._chamber is not None:
-                self._chamber.port.unplug()
+            if self.chamber_port is not None:
+                self.chamber_port.unplug()
 
     def step(self, n: int) -> None:
         """Let the device make `n` samples and send them, with the faults in between."""
@@ -117,8 +82,8 @@ class VirtualInstrument:
             self.port.unplug()
             self._held = b""
         device.plugged = self.port.plugged
-        if self._chamber is not None:
-            self._chamber.serve()
+        if self.chamber_port is not None:
+            self._serve(self.chamber_port, device.climate)
         if device.plugged:
             device.command(self.port.read())
         self._held += device.advance(n)
@@ -130,7 +95,17 @@ class VirtualInstrument:
             overrun, self._held = self.port.write(self._held), b""
             device.ledger.overrun += math.ceil(overrun / _FRAME_BYTES)
 
-    def _note(self) -> None:
-        if self._ledger is not None:
-            content = self.device.ledger.as_dict() | {"time_s": self.device.time_s}
-            write_text(self._ledger, json.dumps(content, indent=1) + "\n")
+    def _serve(self, port: VirtualPort, climate: Climate) -> None:
+        """Obey the commands that a chamber of SCPI has received; to others there is no answer."""
+        *lines, self._commands = (self._commands + port.read()).replace(b"\r", b"\n").split(b"\n")
+        for line in lines:
+            match line.decode(errors="replace").upper().split():
+                case ["*IDN?"]:
+                    port.write(b"tumblecal,virtual chamber,0,1\r\n")
+                case ["MEAS:TEMP?"]:
+                    port.write(f"{climate.air_degc:.2f}\r\n".encode())
+                case ["SOUR:TEMP:SPO?"]:
+                    port.write(f"{climate.set_point_degc:.2f}\r\n".encode())
+                case ["SOUR:TEMP:SPO", number]:
+                    with contextlib.suppress(ValueError):
+                        climate.set_temperature(float(number))

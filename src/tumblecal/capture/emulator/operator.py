@@ -6,6 +6,7 @@ import os
 import select
 import sys
 from pathlib import Path
+from typing import Any
 
 from tumblecal.capture.chamber.soak import OPERATOR
 from tumblecal.capture.emulator.config import Emulation
@@ -14,7 +15,7 @@ from tumblecal.capture.journal import JOURNAL_NAME
 from tumblecal.capture.log import LogReader
 
 
-# Time after a turn until the recording must have begun.
+# Time after a turn until the recording must have begun, s.
 _PATIENCE_S = 60.0
 
 
@@ -31,9 +32,11 @@ class Typist:
             with contextlib.suppress(OSError):  # the terminal is closed
                 self._text += os.read(sys.stdin.fileno(), 4096).decode(errors="replace")
         *lines, self._text = self._text.split("\n")
-        for words in filter(None, map(str.split, lines)):
+        for line in lines:
             try:
-                match words:
+                match line.split():
+                    case []:
+                        pass
                     case ["quit" | "q"]:
                         return False
                     case ["knock"]:
@@ -43,7 +46,7 @@ class Typist:
                     case ["chamber", degc]:
                         device.climate.set_temperature(float(degc))
                         print(f"chamber set to {device.climate.set_point_degc:g} degC", flush=True)
-                    case _:
+                    case words:
                         alpha, beta = map(float, words)
                         device.head.turn(alpha, beta, device.time_s)
                         print(f"turning to alpha {alpha:g}, beta {beta:g}", flush=True)
@@ -54,7 +57,7 @@ class Typist:
 
 class Follower:
     """Reads the journal of a capture, turns the head to the prompted positions, with the configured mistakes, and sets the
-    chamber to the requested temperatures. If no recording begins, the turn is repeated once: its samples may be lost.
+    chamber to the requested temperatures. Until a recording begins, the turn is repeated: its samples may be lost.
 
     **Arguments:**
 
@@ -66,61 +69,50 @@ class Follower:
         self._path, self._reaction_s = folder / JOURNAL_NAME, config.head.reaction_s
         self._mistakes = {mistake.at: mistake for mistake in config.mistake}
         self._reader: LogReader | None = None
-        self._prompts = 0
-        # Angles and temperature that are due, and the times of these and of a repeated turn, s.
+        # Number of prompts, angles of the last one and of the next turn, and the time of this turn, s.
+        self._prompts, self._turn_s = 0, math.inf
         self._target = self._goal = (0.0, 0.0)
-        self._degc = 0.0
-        self._turn_s = self._chamber_s = self._again_s = math.inf
 
     def __call__(self, device: VirtualDevice) -> bool:
         """Execute the due actions; False when the capture has finished."""
-        self._open_newest()
-        now_s = device.time_s
-        for record in self._reader.records() if self._reader is not None else ():
-            if record.content()["entry"] == "finished":
-                return False
-            self._hear(record.content(), now_s + self._reaction_s)
-        if now_s >= self._turn_s:
-            self._turn_s = math.inf
-            if device.head.angles(now_s) != self._goal:
-                device.head.turn(*self._goal, now_s)
-                self._again_s = now_s + _PATIENCE_S
-        if now_s >= self._again_s:
-            self._again_s = math.inf
-            device.head.turn(*device.head.angles(now_s), now_s)
-        if now_s >= self._chamber_s:
-            self._chamber_s = math.inf
-            device.climate.set_temperature(self._degc)
-        return True
-
-    def _hear(self, entry: dict, due_s: float) -> None:
-        """React to an entry at this time."""
-        match entry["entry"]:
-            case "session":
-                self._prompts, self._turn_s, self._chamber_s, self._again_s = 0, math.inf, math.inf, math.inf
-            case "recording":
-                self._again_s = math.inf
-            case "prompted":
-                self._prompts += 1
-                self._target = self._goal = (entry["alpha_deg"], entry["beta_deg"])
-                self._turn_s, self._again_s = due_s, math.inf
-                if mistake := self._mistakes.get(self._prompts):
-                    alpha, beta = self._target
-                    self._goal = (alpha + mistake.alpha_offset_deg, beta + mistake.beta_offset_deg)
-            case "soak" if entry["chamber"] == OPERATOR:
-                self._degc, self._chamber_s = entry["requested_degc"], due_s
-            case "wrong_position" if self._prompts:
-                self._goal, self._turn_s = self._target, due_s
-
-    def _open_newest(self) -> None:
-        """The present journal: the folder of a failed capture may be deleted and created again."""
+        # The folder of a failed capture may be deleted and created again.
         with contextlib.suppress(OSError):
             if self._reader is None or not os.path.samestat(os.stat(self._path), self._reader.stat()):
-                fresh = LogReader(self._path)
                 self.close()
-                self._reader = fresh
+                self._reader = LogReader(self._path)
+        now_s = device.time_s
+        for record in self._reader.records() if self._reader is not None else ():
+            entry = record.content()
+            if entry["entry"] == "finished":
+                return False
+            self._hear(entry, device)
+        if now_s >= self._turn_s:
+            device.head.turn(*self._goal, now_s)
+            self._turn_s = now_s + _PATIENCE_S
+        return True
+
+    def _hear(self, entry: dict[str, Any], device: VirtualDevice) -> None:
+        """React to an entry of the journal."""
+        due_s = device.time_s + self._reaction_s
+        match entry["entry"]:
+            case "session":
+                self._prompts, self._turn_s = 0, math.inf
+            case "recording":
+                self._turn_s = math.inf
+            case "prompted":
+                self._prompts += 1
+                self._target = self._goal = alpha, beta = entry["alpha_deg"], entry["beta_deg"]
+                if mistake := self._mistakes.get(self._prompts):
+                    self._goal = alpha + mistake.alpha_offset_deg, beta + mistake.beta_offset_deg
+                there = tuple(device.head.angles(device.time_s)) == self._goal
+                self._turn_s = math.inf if there else due_s
+            case "wrong_position":
+                self._goal, self._turn_s = self._target, due_s
+            case "soak" if entry["chamber"] == OPERATOR:
+                device.climate.set_temperature(entry["requested_degc"])
 
     def close(self) -> None:
         """Close the journal."""
         if self._reader is not None:
             self._reader.close()
+            self._reader = None

@@ -37,11 +37,9 @@ class VirtualPort:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        aside = self.link.with_name(f".{self.link.name}.{os.getpid()}")
-        aside.unlink(missing_ok=True)
         try:
-            aside.symlink_to(os.ttyname(self._slave))
-            os.replace(aside, self.link)
+            self.link.unlink(missing_ok=True)
+            self.link.symlink_to(os.ttyname(self._slave))
         except OSError as error:
             raise InputError(f"{self.link}: cannot be made ({error.strerror}); give another name") from error
 

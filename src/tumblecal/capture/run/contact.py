@@ -1,70 +1,41 @@
-"""Contact with the instrument: wait for its port, ask for its identity, and find its sample rate."""
+"""Contact with the instrument: its identity, which must be that of the run, and its sample rate.
+
+A missing answer does not mean a different instrument: the receive line may not be connected, or the answer may be late. If
+the line was interrupted and the instrument does not state the serial number of the run, nothing is recorded until it does, or
+the operator confirms that it is the same one.
+"""
 
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.decoding.sniff import described
-from tumblecal.capture.journal import RunState
 from tumblecal.capture.port.live import LiveStream
+from tumblecal.capture.port.recorder import clocks
+from tumblecal.capture.run.run_folder import RunFolder
 from tumblecal.ground.errors import InputError
 
 
 # Seconds to wait for an answer after each question, and between two commands.
 WAITS_S = (1.0, 2.0, 3.0, 4.0, 6.0)
 _BETWEEN_S = 0.05
+# The answers by which an instrument is recognised: kinds of events, the keys of their contents, and words for another one.
+_STATED = {
+    "serial_number": ("serial_number", "serial number {}, but {} is connected"),
+    "configuration": ("raw", "other settings of the instrument"),
+}
+# Shortest time in which an instrument can be exchanged behind the same adapter, s.
+_EXCHANGE_S = 3.0
 _FIRST_DATA_S = 4.0
-_FEWEST_FRAMES, _FEWEST_BYTES = 20, 40
-# Stretches by which the sample rate is measured: their length, how many, and differences that two may have.
-_STRETCH_S, _MOST_STRETCHES, _SAME_SHARE, _SAME_COUNT = 1.5, 12, 0.03, 2
+_FEWEST_BYTES = 40
+# Length of a stretch by which the sample rate is measured, and how far it may be from a usual one.
+_STRETCH_S, _SAME_SHARE = 2.0, 0.03
 _USUAL_HZ = (10, 20, 25, 50, 100, 120, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000)
 
 # Sleeps for some seconds; may raise to end the wait.
 Pause = Callable[[float], None]
-
-
-class Questions:
-    """Questions for the identity of an instrument, repeated with growing waits.
-
-    **Arguments:**
-
-    - `send`: sends a command to the instrument. `commands`: these make it state its serial number and settings.
-    - `most`: number of questions; None: one for each of `WAITS_S`.
-
-    `tries`: number of questions so far.
-    """
-
-    tries: int
-
-    def __init__(self, send: Callable[[bytes], None], commands: tuple[bytes, ...], most: int | None = None):
-        self._send, self._commands, self._most = send, commands, most
-        self.tries, self._until_s = 0, 0.0
-
-    def open(self) -> bool:
-        """Whether an answer may still come; asks when it is due."""
-        if time.monotonic() <= self._until_s:
-            return True
-        waits = WAITS_S[: self._most] if self._commands else ()
-        if self.tries == len(waits):
-            return False
-        for command in self._commands:
-            self._send(command)
-            time.sleep(_BETWEEN_S)
-        self._until_s = time.monotonic() + waits[self.tries]
-        self.tries += 1
-        return True
-
-
-class Device(NamedTuple):
-    """The device as it identified itself after so many questions, and the sample rate for counting."""
-
-    serial_number: str | None
-    rate_hz: float
-    events: list[Event]
-    tries: int
 
 
 def await_port(url: str, limit_s: float, pause: Pause = time.sleep) -> None:
@@ -77,63 +48,183 @@ def await_port(url: str, limit_s: float, pause: Pause = time.sleep) -> None:
         pause(0.05)
 
 
-def meet(stream: LiveStream, plan: CapturePlan, state: RunState, pause: Pause = time.sleep) -> Device:
-    """Ask the device for its identity, and wait for its first samples.
+class Contact:
+    """Checks whether the instrument on the line is the one of the run.
 
-    `state`: of a resumed run: its settings are used if the device does not state them now.
+    **Arguments:**
 
-    **Raises:** `InputError` in one line for silence, a wrong protocol, a wrong baud rate, or unreadable data.
+    - `run`: the plan, and the journal for the results. `stream`: the live samples.
+    - `trust`: the operator states that it is the same instrument.
+
+    `serial_number`: as stated since the line was connected; None if it was not. `asked`: number of questions since then.
+    `asking`: whether an answer may still come, so that nothing may be accepted yet. `rate_hz`: sample rate, set by `meet`.
     """
-    protocol, events, frames, begun = stream.protocol, list[Event](), 0, time.monotonic()
-    wanted = {"serial_number"} if protocol.queries else set()
-    wanted |= {"configuration"} if protocol.range_from_stream else set()
-    # An instrument that stated its serial number before can do so again: its answer may only be late.
-    patient = protocol.range_from_stream or state.serial_number is not None
-    questions = Questions(stream.recording.send, protocol.queries, None if patient else 1)
-    complete = late = False
-    while frames < (1 if late else _FEWEST_FRAMES) or not (complete or not questions.open()):
-        if late and not frames:
-            raise InputError(_why_no_samples(stream, plan))
-        part = stream.poll()
-        events += part.events
-        frames += len(part.samples)
-        complete, late = wanted <= {e.kind for e in events}, time.monotonic() > begun + _FIRST_DATA_S
-        pause(0.05)
-    content = {key: value for event in events for key, value in event.content.items()}
-    serial, range_g = content.get("serial_number"), content.get("range_g")
-    if protocol.range_from_stream and range_g is plan.port.range_g is state.configuration is None:
-        raise InputError(
-            f"port {plan.port.url}: the {protocol.title} does not state its range when asked; "
-            "connect its receive line, or set port.range_g in the plan"
-        )
-    rate_hz = content.get("rate_hz") or state.device.get("rate_hz") or plan.port.rate_hz
-    rate_hz = float(rate_hz or _rate_of(stream, plan.port.speed, pause))
-    stated = serial or f"not stated{f' (asked {questions.tries} times)' if questions.tries else ''}"
-    print(f"{protocol.title}, serial number {stated}, {rate_hz:g} Hz, range {range_g or 'not stated'}")
-    return Device(serial, rate_hz, events, questions.tries)
 
+    def __init__(self, run: RunFolder, stream: LiveStream, *, trust: bool = False):
+        self._plan, self._journal, self.stream, self._trust = run.plan, run.journal, stream, trust
+        self.rate_hz = 0.0
+        self.serial_number: str | None = None
+        self.asked, self.asking, self._until_s = 0, False, 0.0
 
-def _why_no_samples(stream: LiveStream, plan: CapturePlan) -> str:
-    received, words = stream.tally.bytes, described(stream.recent, plan.port.protocol)
-    if received < _FEWEST_BYTES:
-        words = f"{received or 'no'} bytes in {_FIRST_DATA_S:g} s: check power, cable and baud rate (or does it wait?)"
-    return f"port {plan.port.url} at {stream.recording.baud} baud: {words}"
+    @property
+    def confirmed(self) -> bool:
+        """Whether the instrument stated the serial number of the run since its line was connected."""
+        return self.serial_number is not None and self.serial_number == self._journal.state.serial_number
 
+    @property
+    def doubted(self) -> bool:
+        """Whether the instrument must be confirmed before the run continues."""
+        return self._journal.state.to_confirm
 
-def _rate_of(stream: LiveStream, speed: float, pause: Pause) -> float:
-    """The sample rate by the host's clock, if neither device nor plan state it: of two successive stretches that agree.
+    @property
+    def text(self) -> str:
+        """Message for the screen; empty if there is no doubt."""
+        if self.asking:
+            return f"querying the serial number of the instrument, attempt {self.asked}"
+        if self.confirmed or not self._journal.state.doubts:
+            return ""
+        again = ": press Enter if it is the same one, otherwise connect that one" if self.doubted else ""
+        return f"identity not confirmed: the instrument does not state its serial number{again}"
 
-    Samples that the device sent before the port was opened arrive together at first.
-    """
-    rates, agree = list[float](), False
-    while not agree and len(rates) < _MOST_STRETCHES:
-        start, first = time.monotonic(), stream.tally.counts.frames
-        while time.monotonic() - start < _STRETCH_S:
-            stream.poll()
+    def meet(self, pause: Pause = time.sleep) -> None:
+        """Ask the instrument for its identity, wait for its first samples, and write it into the journal.
+
+        `rate_hz` is then its sample rate: as it states it, otherwise of the plan, otherwise measured.
+
+        **Raises:** `InputError` in one line for silence, a wrong protocol or baud rate, an unknown range, or an instrument that
+        is not the one of the plan or of the run.
+        """
+        stream, state, port = self.stream, self._journal.state, self._plan.port
+        protocol, events, stated = stream.protocol, list[Event](), dict[str, Any]()
+        self._connected()
+        wanted = {"serial_number"} if protocol.queries else set()
+        wanted |= {"range_g"} if protocol.range_from_stream else set()
+        late_s = time.monotonic() + _FIRST_DATA_S
+        while not stream.tally.counts.frames or not (wanted <= stated.keys() or not self._ask()):
+            if time.monotonic() > late_s and not stream.tally.counts.frames:
+                words = described(stream.recent, port.protocol)
+                if (received := stream.tally.bytes) < _FEWEST_BYTES:
+                    words = f"{received or 'no'} bytes in {_FIRST_DATA_S:g} s: check power, cable and baud rate"
+                raise InputError(f"port {port.url} at {stream.recording.baud} baud: {words}")
+            part = stream.poll()
+            events += part.events
+            for event in part.events:
+                stated |= event.content
             pause(0.05)
-        rates.append((stream.tally.counts.frames - first) / (time.monotonic() - start))
-        limit = _SAME_SHARE * rates[-1] + _SAME_COUNT / _STRETCH_S
-        agree = len(rates) > 1 and abs(rates[-1] - rates[-2]) <= limit
-    measured = max((rates[-1] + min(rates[-2:])) / 2 / speed, 1.0)
-    near = min(_USUAL_HZ, key=lambda usual: abs(usual / measured - 1))
-    return float(near) if abs(near / measured - 1) < _SAME_SHARE else measured
+        self.asking = False
+        self._check(events)
+        range_g, stated_rate_hz = stated.get("range_g"), stated.get("rate_hz") or state.device.get("rate_hz")
+        if protocol.range_from_stream and range_g is port.range_g is state.configuration is None:
+            raise InputError(
+                f"port {port.url}: the {protocol.title} does not state its range when asked; "
+                "connect its receive line, or set port.range_g in the plan"
+            )
+        self.rate_hz = float(stated_rate_hz or port.rate_hz or self._measured_hz(pause))
+        serial = self.serial_number or f"not stated (asked {self.asked} times)"
+        print(f"{protocol.title}, serial number {serial}, {self.rate_hz:g} Hz, range {range_g or 'not stated'}")
+        if port.serial_number not in (None, self.serial_number) and not (self._trust and self.serial_number is None):
+            raise InputError(
+                f"serial number {serial}: the plan is for {port.serial_number}; connect that one, with its receive line "
+                "(--trust-instrument, if it cannot state its number)"
+            )
+        self._journal.write(
+            "device",
+            serial_number=self.serial_number,
+            rate_hz=self.rate_hz,
+            protocol=protocol.name,
+            baud=stream.recording.baud,
+            events=[{"kind": event.kind, **event.content} for event in events],
+            clocks=clocks(),
+            log_position=stream.recording.position,
+        )
+        known = state.serial_number is not None
+        self._concluded(state.open_after(-1, self._plan.soaks) or 0, missed=known and not self.confirmed)
+
+    def interrupted(self, notice: dict[str, Any]) -> None:
+        """Register an interruption of the line: the instrument may be a different one, unless the interruption was short."""
+        if notice["event"] == "reopened" or notice.get("after_s", 0.0) * self._plan.port.speed > _EXCHANGE_S:
+            self._connected()
+
+    def hear(self, events: list[Event], position: int) -> bool:
+        """Evaluate answers of the instrument, and repeat the questions when they are due; whether it must now be confirmed.
+
+        **Raises:** `InputError` if it is a different instrument, or has different settings.
+        """
+        before = self.confirmed
+        self._check(events)
+        if self.confirmed and not before:
+            self.asking = False
+            self._journal.write("identity_confirmed", serial_number=self.serial_number)
+        elif self.asking and not self._ask():
+            self.asking = False
+            self._concluded(position, missed=True)
+            return self.doubted
+        return False
+
+    def trusted(self) -> None:
+        """The operator confirms the instrument."""
+        self._journal.write("identity_trusted", text="the operator states that it is the same instrument")
+
+    def _connected(self) -> None:
+        """The line was connected: ask who is there."""
+        self.serial_number, self.asked, self.asking, self._until_s = None, 0, True, 0.0
+
+    def _ask(self) -> bool:
+        """Whether an answer may still come; asks when it is due."""
+        if time.monotonic() <= self._until_s:
+            return True
+        if not self.stream.protocol.queries or self.asked == len(WAITS_S):
+            return False
+        for command in self.stream.protocol.queries:
+            self.stream.recording.send(command)
+            time.sleep(_BETWEEN_S)
+        self._until_s = time.monotonic() + WAITS_S[self.asked]
+        self.asked += 1
+        return True
+
+    def _check(self, events: list[Event]) -> None:
+        """Evaluate answers of the instrument.
+
+        **Raises:** `InputError` if it is a different instrument, or has different settings.
+        """
+        state = self._journal.state
+        began = {"serial_number": state.serial_number, "configuration": (state.configuration or {}).get("raw")}
+        for event in events:
+            key, words = _STATED.get(event.kind, ("", ""))
+            before, now = began.get(event.kind), event.content.get(key)
+            if event.kind == "serial_number":
+                self.serial_number = now
+            if None not in (before, now) and before != now:
+                raise InputError(
+                    f"this run began with {words.format(before, now)}: connect the instrument of this run, with its settings, "
+                    "then --resume, or begin a new run"
+                )
+
+    def _concluded(self, position: int, *, missed: bool) -> None:
+        """All questions are asked: if the answer is missing, the operator must confirm the instrument."""
+        if missed:
+            asked = f"asked {self.asked} times" if self.asked else "this kind of instrument states none"
+            self._journal.write(
+                "identity_not_confirmed",
+                position=position,
+                serial_number=self._journal.state.serial_number,
+                asked=self.asked,
+                text=f"identity not confirmed: no serial number stated since the line was connected ({asked})",
+            )
+        if self.doubted and self._trust:
+            self.trusted()
+
+    def _measured_hz(self, pause: Pause) -> float:
+        """The sample rate by the host's clock, if neither device nor plan state it.
+
+        Samples that the device sent before the port was opened arrive together at first, so the second stretch is used.
+        """
+        measured, counts = 0.0, self.stream.tally.counts
+        for _ in range(2):
+            start_s, first = time.monotonic(), counts.frames
+            while time.monotonic() < start_s + _STRETCH_S:
+                self.stream.poll()
+                pause(0.05)
+            measured = max((counts.frames - first) / (time.monotonic() - start_s) / self._plan.port.speed, 1.0)
+        near = min(_USUAL_HZ, key=lambda usual: abs(usual / measured - 1))
+        return float(near) if abs(near / measured - 1) < _SAME_SHARE else measured

@@ -1,6 +1,6 @@
 """One attempt at one position: the samples as they arrive, their losses, and the summary at the end."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,61 +11,44 @@ from tumblecal.capture.decoding.losses import Losses, count_losses, losses_from_
 from tumblecal.capture.decoding.samples import Samples, Status
 from tumblecal.capture.port.live import Arrived, collected
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.run.rest import Blocks, Stationarity
+from tumblecal.capture.run.rest import Blocks
 from tumblecal.ground.counted import counted
 
 
-# Half a wrap of the STIM300's counter: shorter pauses cannot contain a whole wrap.
-_PAUSE_S = 0.06
-
-
-@dataclass
 class Dwell:
     """Samples of one attempt.
 
     **Arguments:**
 
-    - `number`: number of the attempt. `needed`: required good samples. `blocks`: for the good samples, empty.
+    - `number`: number of the attempt. `needed`: required good samples. `rate_hz`: the device's sample rate.
     - `to_local_g`: factor from standard g to local g. `before`: the samples just before it: a late frame may belong there.
 
-    `good`: number of samples without a status bit; only these are used. `flagged`: number of the others.
+    `parts`: its samples. `blocks`: of the good ones. `good`: number of samples without a status bit; only these are used.
+    `flagged`: number of the others.
     """
 
-    number: int
-    needed: int
-    blocks: Blocks
-    to_local_g: float
-    before: list[Arrived]
-    parts: list[Arrived] = field(default_factory=list)
-    good: int = 0
-    flagged: int = 0
+    def __init__(self, number: int, needed: int, rate_hz: float, to_local_g: float, before: list[Arrived]):
+        self.number, self.needed, self.before, self.parts = number, needed, before, list[Arrived]()
+        self._rate_hz, self._to_local_g, self._force = rate_hz, to_local_g, list[NDArray[np.float64]]()
+        self.blocks, self.good, self.flagged = Blocks(rate_hz), 0, 0
 
     def take(self, part: Arrived) -> None:
         """Add new samples."""
-        if len(part.samples):
+        if count := len(part.samples):
+            force = part.samples.force[(part.samples.status == 0) & np.isfinite(part.samples.force).all(1)]
             self.parts.append(part)
-            force = self._good(part.samples)
+            self._force.append(force * self._to_local_g)
             self.good += len(force)
-            self.flagged += len(part.samples) - len(force)
-            self.blocks.add(force)
+            self.flagged += count - len(force)
+            self.blocks.add(self._force[-1])
 
-    def _good(self, samples: Samples) -> NDArray[np.float64]:
-        """Specific force of the good samples, local g."""
-        use = (samples.status == 0) & np.isfinite(samples.force).all(1)
-        return samples.force[use] * self.to_local_g
-
-    def paused_lately(self, seconds: float) -> bool:
-        """Whether nothing arrived for a while near the end, so that later samples must show the loss."""
-        stamps = np.concatenate([p.host_s for p in self.parts])
-        return bool((np.diff(stamps[stamps > stamps[-1] - seconds]) > _PAUSE_S).any())
-
-    def losses(self, protocol: Protocol, rate_hz: float | None, after: list[Arrived]) -> Losses:
+    def losses(self, protocol: Protocol, after: list[Arrived]) -> Losses:
         """Samples lost during the attempt; `after` are the samples after it, which resolve a late gap."""
-        samples, host_s = collected([*self.before, *self.parts, *after])
-        start = sum(len(p.samples) for p in self.before)
+        parts, start = [*self.before, *self.parts, *after], sum(len(part.samples) for part in self.before)
+        samples, host_s = collected(parts)
+        specials = [event.stop for part in parts for event in part.events if event.counted]
         inside = range(start, start + self.good + self.flagged)
-        specials = [event.stop for part in (*self.before, *self.parts) for event in part.events if event.counted]
-        return losses_of(protocol, samples, host_s, rate_hz, inside, specials)
+        return losses_of(protocol, samples, host_s, self._rate_hz, inside, specials)
 
     def refusal(self, losses: Losses, limits: LimitsTable) -> str:
         """Why the attempt must be repeated; empty if it is good."""
@@ -79,13 +62,13 @@ class Dwell:
             return f"{self._flagged_words}; limits.flagged_fraction allows {100 * limits.flagged_fraction:g} %"
         return ""
 
-    def warning(self, found: Stationarity, limits: LimitsTable) -> str:
+    def warning(self, limits: LimitsTable) -> str:
         """Faults so far, in words; empty for none."""
-        words = []
+        found, words = self.blocks.stationarity(), []
         if found.knocks:
             words.append(f"knock: {len(found.knocks)} outlier block(s)")
         elif found.creep:
-            words.append(f"creeping: {found.tilt_arcsec:.0f} arcsec or {abs(found.drift_g).max() * 1e6:.0f} ug so far")
+            words.append(f"creeping: {found.tilt_arcsec:.0f} arcsec so far")
         if self.flagged > max(limits.flagged_fraction * self.needed, 1):
             words.append(self._flagged_words)
         noise_mg = 1e3 * self.blocks.sd_g.mean(0).max()
@@ -100,7 +83,7 @@ class Dwell:
 
     def summary(self, losses: Losses) -> dict[str, Any]:
         """The summary for the journal."""
-        found, force = self.blocks.stationarity(), np.concatenate([self._good(p.samples) for p in self.parts])
+        found, force = self.blocks.stationarity(), np.concatenate(self._force)
         degc = np.concatenate([p.samples.temperature for p in self.parts])
         degc = degc[np.isfinite(degc)]
         return {

@@ -3,30 +3,24 @@
 Every step is in the journal before it is shown, and the state of the run follows from the journal alone.
 """
 
-import time
-from collections.abc import Callable, Generator
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterator
 from enum import Enum
-from typing import TypeAlias
 
 import numpy as np
 
 from tumblecal.capture.chamber.soak import Soak
 from tumblecal.capture.journal import sha256_of
-from tumblecal.capture.port.live import Arrived, LiveStream
+from tumblecal.capture.port.live import Arrived
 from tumblecal.capture.port.recorder import clocks
+from tumblecal.capture.run.contact import Contact
 from tumblecal.capture.run.dwell import Dwell
-from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.position_check import NOT_TURNED, Verdict, judge
-from tumblecal.capture.run.rest import Blocks, HeadWatch
+from tumblecal.capture.run.rest import HeadWatch
 from tumblecal.capture.run.run_folder import RunFolder
 from tumblecal.ground.frames import angle_between_deg
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
-_DRAIN_S = 2.2
-# Blocks at the end of a dwell that are judged while it is recorded.
-_JUDGED_BLOCKS = 600
 # A dwell whose mean moves by more is rejected: this many limits for rest, and at least so much.
 _MOVED_LIMITS, _MOVED_G = 5, 0.01
 _LINE_ALARMS = {
@@ -37,66 +31,48 @@ _LINE_ALARMS = {
 
 
 class Phase(Enum):
-    """States of the guide."""
+    """States of the guide, with the style in which they are shown."""
 
-    SOAK = "SOAK"
-    TURN = "TURN"
-    SETTLING = "SETTLING"
-    RECORDING = "RECORDING"
-    CLOSING = "CLOSING"
-    FINISHED = "FINISHED"
-
-
-# Waits for new samples, and the number of blocks that they complete.
-_Wait: TypeAlias = Generator[None, tuple[Arrived, int], None]
+    SOAK = "bold magenta"
+    TURN = "bold yellow"
+    SETTLING = "bold cyan"
+    RECORDING = "bold green"
+    FINISHED = "bold white"
 
 
-class _Again(Exception):
-    """The present step ends: continue with this position, or the next one for None; `why` an attempt was rejected."""
+class _Leave(Exception):
+    """The present step ends: continue with a position, or the next one for None; `why` an attempt was rejected."""
 
     def __init__(self, position: int | None = None, why: str = ""):
         self.position, self.why = position, why
 
 
 class Guide:
-    """Guides the operator through the plan; fed by `take` and `press`.
+    """Guides the operator through the plan.
 
     **Arguments:**
 
     - `run`: the plan, and the journal for the steps.
-    - `stream`: the live samples. `rate_hz`: the device's sample rate.
-    - `identity`: checks whether the instrument is the one with which the run began.
+    - `contact`: with the instrument, which was met; gives the samples.
     - `soak`: requests the temperatures of the plan.
-    - `bell`: sounds the bell.
+    - `keys`: the keys pressed since its last call. `bell`: sounds the bell.
 
     `phase`, `position`: the present step. `dwell`: the attempt in progress; None for none. `settled_s`: time at rest so far.
-    `must_move`: whether a turn must be observed. `rejected`: why the last attempt at this position was rejected; empty if none
-    was.
+    `must_move`: whether a turn must be observed. `rejected`: why the last attempt at this position was rejected, or empty.
     """
 
-    def __init__(
-        self,
-        run: RunFolder,
-        stream: LiveStream,
-        rate_hz: float,
-        identity: Identity,
-        soak: Soak,
-        bell: Callable[[], None] = lambda: None,
-    ):
+    def __init__(self, run: RunFolder, contact: Contact, soak: Soak, keys: Callable[[], str], bell: Callable[[], None]):
         self.plan, self.state, self._journal = run.plan, run.journal.state, run.journal
-        self.stream, self.rate_hz, self.identity, self.soak, self._bell = stream, rate_hz, identity, soak, bell
+        self.contact, self.stream, self.soak, self._keys, self._bell = contact, contact.stream, soak, keys, bell
         self._to_local_g = STANDARD_GRAVITY_MS2 / self.plan.site.gravity.value_ms2
         self._still_g = self.plan.limits.still_mg * 1e-3
-        self.watch = HeadWatch(rate_hz, self._to_local_g)
+        self.watch = HeadWatch(contact.rate_hz, self._to_local_g)
         self.phase, self.position, self.settled_s = Phase.TURN, 0, 0.0
         self.dwell: Dwell | None = None
         self._previous: int | None = None
         self._forced = self.must_move = False
         self._line_alarm = self._position_alarm = self.rejected = ""
         self._newest = list[Arrived]()
-        self._steps = self._walk()
-        with suppress(StopIteration):
-            next(self._steps)
 
     @property
     def alarm(self) -> str:
@@ -108,129 +84,132 @@ class Guide:
         """Whether the head is at rest."""
         return self.watch.blocks.still(self._still_g)
 
-    def take(self, part: Arrived) -> None:
-        """Continue with new samples."""
-        for notice in part.notices:
-            self._noticed(notice)
-        if self.identity.hear(part.events, self.position):
-            self._bell()
-            self._restart("identity not confirmed")
-        self.soak.take(part)
-        fresh = self.watch.take(part)
-        if len(part.samples):
-            self._newest = [part]
-        with suppress(StopIteration):
-            self._steps.send((part, fresh))
+    def run(self) -> Iterator[None]:
+        """The run, until all positions are done or the operator stops: each item is a wait for new samples.
 
-    def press(self, key: str) -> None:
-        """Act on a key."""
-        before = self._previous
-        match key:
-            case _ if self.phase == Phase.FINISHED:
+        **Raises:** `InputError` in one line for a fault that ends the run.
+        """
+        position, leave = self.state.open_after(-1, self.plan.soaks), _Leave()
+        while position is not None:
+            # After a rejection the head may remain where it is.
+            self.watch.moved = leave.position == self.position
+            self.position, self._position_alarm = position, ""
+            self.rejected = leave.why and f"attempt {self.state.attempts.get(position)} was rejected: {leave.why}"
+            try:
+                yield from self._measure(position)
+                leave, self._previous = _Leave(), position
+            except _Leave as end:
+                leave = end
+            if self.phase == Phase.FINISHED:
                 return
-            case "\n" | "\r" if self.identity.doubted:
-                self.identity.trusted()
-            case "\n" | "\r" if self.phase == Phase.TURN:
-                self._accept_as_is()
-            case "\n" | "\r" if self.phase == Phase.SOAK:
-                self.soak.accept_as_is()
-            case "r" if self.phase in (Phase.SETTLING, Phase.RECORDING):
-                self._reject("operator")
-                self._leave(self.position)
-            case "b" if before is not None and before in self.state.accepted:
-                if self.plan.soaks[before] != self.plan.soaks[self.position]:
-                    self._position_alarm = "the previous position belongs to a soak that is over; it is not repeated"
-                    return
-                self.interrupt("repeat of the previous position")
-                self._journal.write("withdrawn", position=before)
-                self._previous = None
-                self._leave(before)
-            case "s":
-                self.interrupt("skipped")
-                if self.phase == Phase.SOAK:
-                    self.soak.postpone()
-                else:
-                    self._journal.write("skipped", position=self.position)
-                self._leave(None)
-            case "q":
-                self.interrupt("operator")
-                self.phase = Phase.FINISHED
+            self.dwell = None
+            self._bell()
+            following = self.state.open_after(position, self.plan.soaks)
+            position = following if leave.position is None else leave.position
+        self.phase, self.rejected = Phase.FINISHED, ""
+        self._journal.write("finished", tally=self.stream.tally.as_dict())
 
     def interrupt(self, why: str) -> None:
         """Reject an unfinished attempt; the other attempts do not change."""
         if self.dwell is not None:
-            self._reject(why)
+            self._journal.write("rejected", position=self.position, attempt=self.dwell.number, reason=why)
+            self.dwell = None
 
-    def _reject(self, why: str) -> None:
-        number = self.dwell.number if self.dwell else 0
-        self._journal.write("rejected", position=self.position, attempt=number, reason=why)
-        self.dwell = None
+    def _wait(self) -> Generator[None, None, tuple[Arrived, int]]:
+        """Wait for new samples, and act on the keys; returns the samples, and the number of blocks that they complete.
 
-    def _restart(self, why: str) -> None:
-        """Repeat an unfinished attempt."""
-        if self.dwell is not None:
-            self._reject(why)
-            self._leave(self.position, why)
-
-    def _leave(self, position: int | None, why: str = "") -> None:
-        """End the present step from outside of the loop."""
-        with suppress(StopIteration):
-            self._steps.throw(_Again(position, why))
-
-    def _noticed(self, notice: dict) -> None:
-        match notice["event"]:
-            case "port_lost" | "silence" | "other_device" as what:
+        **Raises:** `_Leave` if the present step ends.
+        """
+        yield
+        part, restart = self.stream.poll(), ""
+        for notice in part.notices:
+            what = notice["event"]
+            if what in _LINE_ALARMS:
                 self._line_alarm = _LINE_ALARMS[what]
                 self._bell()
-            case "reopened" | "data_again":
+            elif what in ("reopened", "data_again"):
                 self._line_alarm = ""
                 self.watch.blocks.forget_unfinished()
-                self.identity.interrupted(notice, self.plan.port.speed)
-            case "suspended":
-                self._restart("the computer slept: this position restarts")
+                self.contact.interrupted(notice)
+            elif what == "suspended":
+                restart = "the computer slept: this position restarts"
+        if self.contact.hear(part.events, self.position):
+            self._bell()
+            restart = "identity not confirmed"
+        self.soak.take(part)
+        fresh = self.watch.take(part)
+        if len(part.samples):
+            self._newest = [part]
+        if restart:
+            self._repeat(restart)
+        for key in self._keys():
+            self._press(key)
+        return part, fresh
 
-    def _warn(self, text: str, **content: object) -> None:
-        self._journal.write("warned", position=self.position, text=text, **content)
+    def _press(self, key: str) -> None:
+        """Act on a key."""
+        enter, before = key in ("\n", "\r"), self._previous
+        if enter and self.contact.doubted:
+            self.contact.trusted()
+        elif enter and self.phase == Phase.SOAK:
+            self.soak.accept_as_is()
+        elif enter and self.phase == Phase.TURN and len(self.watch.blocks.mean_g):
+            # The first time, a head that was not turned is reported.
+            verdict = self._verdict()
+            if verdict.fault == NOT_TURNED and not self._position_alarm:
+                self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
+            else:
+                self._forced = True
+                self._journal.write("forced", position=self.position, text=verdict.text)
+        elif key == "r":
+            self._repeat("operator")
+        elif key == "b" and before in self.state.accepted and self.plan.soaks[before] == self.plan.soaks[self.position]:
+            self.interrupt("repeat of the previous position")
+            self._journal.write("withdrawn", position=before)
+            self._previous = None
+            raise _Leave(before)
+        elif key == "s":
+            self.interrupt("skipped")
+            if self.phase == Phase.SOAK:
+                self.soak.postpone()
+            else:
+                self._journal.write("skipped", position=self.position)
+            raise _Leave()
+        elif key == "q":
+            self.interrupt("operator")
+            self.phase = Phase.FINISHED
+            raise _Leave()
+
+    def _repeat(self, why: str) -> None:
+        """Reject an unfinished attempt and repeat its position."""
+        if self.dwell is not None:
+            self.interrupt(why)
+            raise _Leave(self.position, why)
+
+    def _report(self, entry: str, text: str, **content: object) -> None:
+        """Write a fault at this position into the journal, show it, and ring."""
+        self._journal.write(entry, position=self.position, text=text, **content)
+        self._position_alarm = text
         self._bell()
 
-    def _walk(self) -> _Wait:
-        """The run: each `yield` waits for new samples, and may raise `_Again`."""
-        position, again = self.state.open_after(-1, self.plan.soaks), _Again()
-        while position is not None:
-            # After a rejection the head may remain where it is.
-            self.watch.moved = again.position == self.position
-            self.position, self._position_alarm = position, again.why and f"again: {again.why}"
-            self.rejected = again.why and f"attempt {self.state.attempts.get(position)} was rejected: {again.why}"
-            try:
-                yield from self._measure(position)
-                again, self._previous = _Again(), position
-            except _Again as end:
-                again = end
-            self.dwell = None
-            self._bell()
-            following = self.state.open_after(position, self.plan.soaks)
-            position = following if again.position is None else again.position
-        self.phase, self.rejected = Phase.FINISHED, ""
-        self._journal.write("finished", tally=self.stream.tally.as_dict())
-
-    def _measure(self, position: int) -> _Wait:
+    def _measure(self, position: int) -> Iterator[None]:
         """One position, until an attempt at it is accepted."""
         plan, step, before = self.plan, self.plan.steps[position], self._previous
         # If gravity has the same direction as before, a turn of the head must be observed (or confirmed by Enter), unless
         # only the temperature changes.
         self._forced = self.must_move = False
         if before not in (None, position):
-            angles, soaks = [(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in (before, position)], plan.soaks
+            angles = {(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in (before, position)}
             turn_deg = angle_between_deg(plan.expected(before), plan.expected(position))
-            warmer = angles[0] == angles[1] and soaks[before] != soaks[position]
-            self.must_move = turn_deg <= plan.tolerance_deg and not warmer
+            turned = len(angles) > 1 or plan.soaks[before] == plan.soaks[position]
+            self.must_move = turned and turn_deg <= plan.tolerance_deg
         ready = False
         while not ready:
             self.soak.begin(position)
             if self.soak.waiting:
                 self.phase = Phase.SOAK
                 while self.soak.waiting:
-                    yield
+                    yield from self._wait()
                 self._bell()
             self._journal.write(
                 "prompted",
@@ -240,74 +219,56 @@ class Guide:
                 beta_deg=step.beta_deg,
                 log_position=self.stream.recording.position,
             )
-            yield from self._settle(position)
+            yield from self._settle()
             ready = not self.soak.left
         yield from self._record(position)
 
-    def _settle(self, position: int) -> _Wait:
+    def _settle(self) -> Iterator[None]:
         """Wait until the head is at the position and has been at rest for long enough."""
         self.phase, self.settled_s = Phase.TURN, 0.0
-        while self.phase == Phase.TURN or self.settled_s < self.plan.dwell.settle_s or self.identity.doubted:
-            _, fresh = yield
+        while self.phase == Phase.TURN or self.settled_s < self.plan.dwell.settle_s or self.contact.doubted:
+            _, fresh = yield from self._wait()
             if fresh and not self.still:
                 self.phase, self.watch.moved, self._position_alarm = Phase.TURN, True, ""
             elif fresh and self.phase == Phase.SETTLING:
-                self.settled_s += fresh * self.watch.blocks.size / self.rate_hz
-            elif fresh and self._arrived(position):
+                self.settled_s += fresh * self.watch.blocks.size / self.contact.rate_hz
+            elif fresh and self._arrived():
                 self.phase, self.settled_s, self._position_alarm = Phase.SETTLING, 0.0, ""
 
-    def _verdict(self, position: int) -> Verdict:
-        return judge(self.plan, position, self.watch.blocks.mean_g[-1], self._previous)
+    def _verdict(self) -> Verdict:
+        return judge(self.plan, self.position, self.watch.blocks.mean_g[-1], self._previous)
 
-    def _arrived(self, position: int) -> bool:
+    def _arrived(self) -> bool:
         """Whether the head, at rest, is at the position; a mistake is reported once."""
-        if self.must_move and not (self.watch.moved or self._forced):
-            return False
-        verdict = self._verdict(position)
-        not_begun = verdict.fault == NOT_TURNED and not self.watch.moved
-        if verdict.fault and not (self._forced or not_begun or verdict.text == self._position_alarm):
-            self._mistaken(verdict)
-        return self._forced or not verdict.fault
+        if self._forced or (self.must_move and not self.watch.moved):
+            return self._forced
+        verdict = self._verdict()
+        begun = verdict.fault != NOT_TURNED or self.watch.moved
+        if verdict.fault and begun and verdict.text != self._position_alarm:
+            self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
+        return not verdict.fault
 
-    def _accept_as_is(self) -> None:
-        """The operator accepts the position; the first time, a head that was not turned is reported."""
-        verdict = self._verdict(self.position) if len(self.watch.blocks.mean_g) else Verdict("", "", 0.0)
-        if verdict.fault == NOT_TURNED and not self._position_alarm:
-            self._mistaken(verdict)
-        else:
-            self._forced = True
-            self._journal.write("forced", position=self.position, text=verdict.text)
-
-    def _mistaken(self, verdict: Verdict) -> None:
-        self._position_alarm = verdict.text
-        self._journal.write(verdict.fault, position=self.position, text=verdict.text, off_deg=verdict.off_deg)
-        self._bell()
-
-    def _record(self, position: int) -> _Wait:
+    def _record(self, position: int) -> Iterator[None]:
         """One dwell, which is accepted or rejected."""
         number, recording = self.state.attempts.get(position, 0) + 1, self.stream.recording
-        needed = max(1, round(self.plan.dwell.seconds * self.rate_hz))
+        needed = max(1, round(self.plan.dwell.seconds * self.contact.rate_hz))
         self._journal.write("recording", position=position, attempt=number, log_position=recording.position)
-        dwell = Dwell(number, needed, Blocks(self.rate_hz), self._to_local_g, self._newest)
+        dwell = Dwell(number, needed, self.contact.rate_hz, self._to_local_g, self._newest)
         self.dwell, self.phase = dwell, Phase.RECORDING
         while dwell.good < needed:
-            part, fresh = yield
+            part, fresh = yield from self._wait()
             dwell.take(part)
             if fresh and len(dwell.blocks.mean_g):
                 self._look_at(dwell)
-        # Wait shortly for data that resolve gaps near the end.
-        self.phase, after = Phase.CLOSING, list[Arrived]()
-        wait = self.stream.protocol.counter is not None and dwell.paused_lately(_DRAIN_S)
-        close_at = time.monotonic() + (_DRAIN_S if wait else 0.0)
-        while not after or time.monotonic() < close_at or self.identity.asking:
-            part, _ = yield
-            after.append(part)
-        losses = dwell.losses(self.stream.protocol, self.rate_hz, after)
-        if other_rate := losses.rates.words(self.rate_hz * self.plan.port.speed):
-            self._warn(other_rate)
+        # A late frame may follow, and nothing is accepted while the instrument may be a different one.
+        after = list[Arrived]()
+        while not after or self.contact.asking:
+            after.append((yield from self._wait())[0])
+        losses = dwell.losses(self.stream.protocol, after)
+        if other_rate := losses.rates.words(self.contact.rate_hz * self.plan.port.speed):
+            self._report("warned", other_rate)
         if why := dwell.refusal(losses, self.plan.limits):
-            self._reject(why)
-            raise _Again(position, why)
+            self._repeat(why)
         # First the bytes, then the entry.
         recording.sync()
         start, stop = int(dwell.parts[0].log_start[0]), int(dwell.parts[-1].log_stop[-1])
@@ -315,13 +276,13 @@ class Guide:
             "accepted",
             position=position,
             attempt=number,
-            log_before=int([*dwell.before, *dwell.parts][0].log_start[0]),
+            log_before=int((dwell.before or dwell.parts)[0].log_start[0]),
             log_start=start,
             log_stop=stop,
             sha256=sha256_of(recording.log, start, stop),
             summary=dwell.summary(losses) | self.soak.requested,
             clocks=clocks(),
-            serial_number=self.identity.serial_number,
+            serial_number=self.contact.serial_number,
             tally=self.stream.tally.as_dict(),
         )
 
@@ -329,10 +290,8 @@ class Guide:
         """Show faults during the recording at once."""
         moved_g = np.abs(dwell.blocks.mean_g[-1] - dwell.blocks.mean_g[0]).max()
         if moved_g > max(_MOVED_LIMITS * self._still_g, _MOVED_G) and not self._forced:
-            why = "the head moved while recording"
-            self._reject(why)
-            raise _Again(self.position, why)
-        text = dwell.warning(dwell.blocks.stationarity(_JUDGED_BLOCKS), self.plan.limits)
+            self._repeat("the head moved while recording")
+        text = dwell.warning(self.plan.limits)
         if text and text.split(":")[0] != self._position_alarm.split(":")[0]:
-            self._warn(text, attempt=dwell.number)
+            self._report("warned", text, attempt=dwell.number)
         self._position_alarm = text

@@ -1,6 +1,5 @@
 """Comparison of the measured specific force with the prompted position, and the probable mistake if they differ."""
 
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -38,30 +37,30 @@ def judge(plan: CapturePlan, position: int, mean_g: NDArray[np.float64], previou
     - `position`: the prompted position. `previous`: the position measured before.
     - `mean_g`: mean specific force in units of local gravity, shape (3,).
     """
-
-    def named(k: int) -> str:
-        return f"alpha {plan.steps[k].alpha_deg:g}, beta {plan.steps[k].beta_deg:g}"
-
-    expected, size = plan.expected(position), float(np.linalg.norm(mean_g))
-    off = angle_between_deg(mean_g, expected)
+    named = [f"alpha {step.alpha_deg:g}, beta {step.beta_deg:g}" for step in plan.steps]
+    expected, wanted, nearest = plan.expected(position), named[position], int(np.argmax(plan.directions @ mean_g))
+    size, off_deg = float(np.linalg.norm(mean_g)), angle_between_deg(mean_g, expected)
     if abs(size - 1) > plan.limits.magnitude:
-        return Verdict(WRONG_POSITION, f"the readings add up to {size:.3f} g, not 1 g: check range and unit", off)
-    wanted, nearest = named(position), int(np.argmax(plan.directions @ mean_g))
-    explanations = [("", "", expected)]
-    if previous is not None:
-        explanations.append((NOT_TURNED, f"still at {named(previous)}: turn to {wanted}", plan.expected(previous)))
-    explanations.append((WRONG_POSITION, f"this looks like {named(nearest)}, not {wanted}", plan.expected(nearest)))
-    # One reversed axis, all of them, or two exchanged axes.
-    changes = {f"the sign of axis {axis} seems reversed": np.diag(1 - 2 * np.eye(3)[k]) for k, axis in enumerate(AXES)}
-    changes["all signs seem reversed"] = -np.eye(3)
-    for first, second in combinations(range(3), 2):
-        order = [{first: second, second: first}.get(k, k) for k in range(3)]
-        changes[f"axes {AXES[first]} and {AXES[second]} seem exchanged"] = np.eye(3)[order]
-    explanations += [(WRONG_POSITION, f"{words} at {wanted}", change @ expected) for words, change in changes.items()]
-    for fault, text, direction in explanations:
-        if angle_between_deg(mean_g, direction) <= plan.tolerance_deg:
-            return Verdict(fault, text, off)
+        return Verdict(WRONG_POSITION, f"the readings add up to {size:.3f} g, not 1 g: check range and unit", off_deg)
+    if off_deg <= plan.tolerance_deg:
+        return Verdict("", "", off_deg)
+    if previous is not None and angle_between_deg(mean_g, plan.expected(previous)) <= plan.tolerance_deg:
+        return Verdict(NOT_TURNED, f"still at {named[previous]}: turn to {wanted}", off_deg)
+    exchanges = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
+    explanations = {
+        f"this looks like {named[nearest]}, not {wanted}": plan.expected(nearest),
+        **{
+            f"the sign of axis {axis} seems reversed": expected * sign
+            for axis, sign in zip(AXES, 1 - 2 * np.eye(3), strict=True)
+        },
+        "all signs seem reversed": -expected,
+        **{f"axes {axes} seem exchanged": expected[order] for axes, order in exchanges.items()},
+    }
     # The angles at which an ideal instrument has this direction.
     x, y, z = (mean_g if plan.mount is None else plan.mount.T @ mean_g) / size
     alpha, beta = np.degrees(np.arctan2(y, z)) % 360, -np.degrees(np.arcsin(np.clip(x, -1, 1)))
-    return Verdict(WRONG_POSITION, f"this looks like alpha {alpha:.1f}, beta {beta:.1f}, not {wanted}", off)
+    explanations[f"this looks like alpha {alpha:.1f}, beta {beta:.1f}, not {wanted}"] = mean_g
+    found = (
+        text for text, direction in explanations.items() if angle_between_deg(mean_g, direction) <= plan.tolerance_deg
+    )
+    return Verdict(WRONG_POSITION, next(found), off_deg)

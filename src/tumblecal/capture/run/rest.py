@@ -10,7 +10,6 @@ from tumblecal.capture.port.live import Arrived
 
 _TURNING_DPS = 2.0
 _KNOCK_Z, _SHAKEN, _CREEP_U = 5.0, 2.0, 5.0
-_ARCSEC_PER_RAD = 180 / np.pi * 3600
 
 
 class Stationarity(NamedTuple):
@@ -34,31 +33,35 @@ class Blocks:
 
     **Arguments:**
 
-    - `rate_hz`: sample rate.
+    - `rate_hz`: sample rate. `most`: number of blocks to keep, the last ones; 0 for all.
 
     `size`: samples in a block. `mean_g`, `sd_g`: mean of each block, and standard deviation of its samples, shape (k, 3).
     """
 
-    size: int
     mean_g: NDArray[np.float64]
     sd_g: NDArray[np.float64]
 
-    def __init__(self, rate_hz: float):
-        self.size = max(4, round(rate_hz))
-        self._rest = self.mean_g = self.sd_g = np.zeros((0, 3))
+    def __init__(self, rate_hz: float, most: int = 0):
+        self.size, self._most = max(4, round(rate_hz)), most
+        self.forget()
 
-    def add(self, force: NDArray[np.float64]) -> int:
-        """Add samples (n, 3); returns the number of blocks that they complete."""
-        data = np.vstack([self._rest, force])
-        count = len(data) // self.size
-        blocks, self._rest = data[: count * self.size].reshape(count, self.size, 3), data[count * self.size :]
-        self.mean_g = np.concatenate([self.mean_g, blocks.mean(1)])
-        self.sd_g = np.concatenate([self.sd_g, blocks.std(1, ddof=1)])
-        return count
+    def forget(self) -> None:
+        """Begin again: the head turns."""
+        self._unfinished = self.mean_g = self.sd_g = np.zeros((0, 3))
 
     def forget_unfinished(self) -> None:
         """After a gap: the samples of a block must belong together."""
-        self._rest = self._rest[:0]
+        self._unfinished = np.zeros((0, 3))
+
+    def add(self, force: NDArray[np.float64]) -> int:
+        """Add samples (n, 3); returns the number of blocks that they complete."""
+        data = np.vstack([self._unfinished, force])
+        count = len(data) // self.size
+        blocks, self._unfinished = np.split(data, [count * self.size])
+        blocks = blocks.reshape(count, self.size, 3)
+        self.mean_g = np.concatenate([self.mean_g, blocks.mean(1)])[-self._most :]
+        self.sd_g = np.concatenate([self.sd_g, blocks.std(1, ddof=1)])[-self._most :]
+        return count
 
     def still(self, limit_g: float) -> bool:
         """Whether the head is at rest: two steady means, and no more noise than the quieter block explains."""
@@ -69,13 +72,13 @@ class Blocks:
         allowed = np.maximum(limit_g, 6 * quiet / np.sqrt(self.size))
         return bool((np.ptp(means, axis=0) < allowed).all() and (noise < np.maximum(3 * quiet, limit_g)).all())
 
-    def stationarity(self, most: int = 0) -> Stationarity:
-        """Judge the blocks of a dwell, or the last `most` of them.
+    def stationarity(self) -> Stationarity:
+        """Judge the blocks of a dwell.
 
         The baseline of each axis is the median and the median absolute deviation of the block means; with few blocks the
         noise of the samples is used.
         """
-        means, noise = self.mean_g[-most:], self.sd_g[-most:]
+        means, noise = self.mean_g, self.sd_g
         if (n := len(means)) < 3:
             return Stationarity([], [], np.zeros(3), 0.0)
         quiet, centre = np.median(noise, axis=0), np.median(means, axis=0)
@@ -86,8 +89,8 @@ class Blocks:
         # Its standard uncertainty for independent blocks is scale sqrt(12/n).
         creep = [n - 1] if (np.abs(line) > _CREEP_U * scale * np.sqrt(12 / n)).any() else []
         across = line - line @ centre / max(centre @ centre, 1e-9) * centre
-        tilt_arcsec = float(np.linalg.norm(across) * _ARCSEC_PER_RAD)
-        return Stationarity(np.flatnonzero(outlier.any(1)).tolist(), creep, line, tilt_arcsec)
+        tilt_arcsec = np.linalg.norm(across) * (180 / np.pi * 3600)
+        return Stationarity(np.flatnonzero(outlier.any(1)).tolist(), creep, line, float(tilt_arcsec))
 
 
 class HeadWatch:
@@ -100,25 +103,17 @@ class HeadWatch:
     `blocks`: the last two. `moved`: whether the head moved since this was last set to False.
     """
 
-    blocks: Blocks
-    moved: bool
-
     def __init__(self, rate_hz: float, to_local_g: float):
-        self._rate_hz, self._to_local_g = rate_hz, to_local_g
-        self._quiet_dps: NDArray[np.float64] | None = None
-        self.blocks, self.moved = Blocks(rate_hz), False
+        self._to_local_g, self.blocks, self.moved = to_local_g, Blocks(rate_hz, 2), False
 
     def take(self, part: Arrived) -> int:
         """Add new samples; returns the number of blocks they complete."""
-        blocks, rate = self.blocks, part.samples.rate
-        fresh = blocks.add(part.samples.force[part.samples.status == 0] * self._to_local_g)
-        blocks.mean_g, blocks.sd_g = blocks.mean_g[-2:], blocks.sd_g[-2:]
+        rate, fresh = (
+            part.samples.rate,
+            self.blocks.add(part.samples.force[part.samples.status == 0] * self._to_local_g),
+        )
         # The angular rate shows a turn without effect on gravity (about the vertical).
-        if (eighth := len(rate) // 8) and np.isfinite(rate).all():
-            means = rate[: 8 * eighth].reshape(8, eighth, 3).mean(1)
-            noise = rate.std(0) / np.sqrt(eighth) if self._quiet_dps is None else self._quiet_dps
-            if (np.abs(means).max(0) > _TURNING_DPS + 6 * noise).any():
-                self.blocks, self.moved = Blocks(self._rate_hz), True
-            elif self._quiet_dps is None:
-                self._quiet_dps = noise
+        if len(rate) >= 8 and (np.abs([piece.mean(0) for piece in np.array_split(rate, 8)]) > _TURNING_DPS).any():
+            self.blocks.forget()
+            self.moved = True
         return fresh

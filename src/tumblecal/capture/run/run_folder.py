@@ -2,14 +2,18 @@
 
 import platform
 import shutil
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.journal import PLAN_NAME, Journal, RunState, read_journal, replayed, sha256_of
+from tumblecal.capture.decoding.samples import Settings
+from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME, Journal, RunState, sha256_of
 from tumblecal.capture.port.recorder import clocks
-from tumblecal.capture.protocols import protocol
+from tumblecal.capture.protocols import Protocol, protocol
+from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.ground.atomic import writable_folder, written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.toml_faults import faults_at
@@ -33,15 +37,10 @@ class RunFolder:
         """Whether all positions are done."""
         return len(self.journal.state.accepted) == len(self.plan.steps)
 
-    def __enter__(self) -> "RunFolder":
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        self.journal.close()
-
-
-def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
-    """Lock a folder and begin a capture there, with a copy of the plan.
+@contextmanager
+def begin(plan_path: Path, folder: Path, port: str | None = None) -> Iterator[RunFolder]:
+    """Lock a folder while entered, and begin a capture there, with a copy of the plan.
 
     A run that found no device is begun again: its entries remain, and a new session follows them.
 
@@ -57,8 +56,7 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
         protocol(plan.port.protocol)
     writable_folder(folder)
     _check_room(plan, folder)
-    journal = Journal(folder)
-    try:
+    with closing(Journal(folder)) as journal:
         if journal.state.devices or journal.state.attempts:
             raise InputError(
                 f"{folder}: contains a capture already; resume it by --resume {folder}, or give another folder"
@@ -79,19 +77,22 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
             | {"python": platform.python_version()},
             clocks=clocks(),
         )
-        return RunFolder(folder, plan, journal)
-    except BaseException:
-        journal.close()
-        raise
+        yield RunFolder(folder, plan, journal)
 
 
-def resume(folder: Path, port: str | None = None) -> RunFolder:
-    """Lock the folder of an interrupted capture.
+@contextmanager
+def resume(folder: Path, port: str | None = None) -> Iterator[RunFolder]:
+    """Lock the folder of an interrupted capture while entered.
 
     **Raises:** `InputError` if there is none, another process has locked it, or its plan was changed.
     """
-    plan = plan_of_run(folder, replayed(read_journal(folder)))
-    return RunFolder(folder, _with_port(plan, port), Journal(folder))
+    path = folder / JOURNAL_NAME
+    if not path.is_file():
+        raise InputError(f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture")
+    with closing(Journal(folder)) as journal:
+        if not journal.state.session:
+            raise InputError(f"{path}: contains no capture; it may have been ended before the first entry")
+        yield RunFolder(folder, _with_port(plan_of_run(folder, journal.state), port), journal)
 
 
 def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
@@ -112,6 +113,13 @@ def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
     return plan
 
 
+def settings_of_run(state: RunState, plan: CapturePlan, device: Protocol) -> Settings | None:
+    """Range and rate of the device: as it stated them in the run, otherwise from the plan."""
+    if state.configuration is not None:
+        return settings_of(state.configuration)
+    return device.settings(plan.port.range_g, state.device.get("rate_hz") or plan.port.rate_hz)
+
+
 def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:
     if port is not None:
         plan = plan.model_copy(update={"port": plan.port.model_copy(update={"url": port})})
@@ -121,10 +129,8 @@ def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:
 
 
 def _check_room(plan: CapturePlan, folder: Path) -> None:
-    """Raise if the disk is too small for twice the dwells and four times the soaks, at 80 bytes a sample."""
-    seconds = 2 * len(plan.steps) * (plan.dwell.seconds + plan.dwell.settle_s)
-    seconds += 4 * 60 * plan.soak.stable_min * (plan.soaks[-1] + 1) * plan.over_temperature
-    need = seconds * (plan.port.rate_hz or 2000.0) * 80
+    """Raise if the disk is too small for twice the dwells, at 80 bytes a sample."""
+    need = 2 * len(plan.steps) * (plan.dwell.seconds + plan.dwell.settle_s) * (plan.port.rate_hz or 2000.0) * 80
     free = shutil.disk_usage(folder).free
     if free < min(need, 5e9):
         raise InputError(

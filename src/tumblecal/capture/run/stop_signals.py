@@ -1,7 +1,6 @@
 """Ctrl-C, SIGTERM and SIGHUP during a run: remembered, and handled when no step is incomplete."""
 
 import signal
-import threading
 import time
 from types import FrameType
 
@@ -13,7 +12,7 @@ class Stopped(Exception):
 
     def __init__(self, number: int):
         self.number = signal.Signals(number)
-        super().__init__("Ctrl-C" if number == signal.SIGINT else self.number.name)
+        super().__init__(self.number.name)
 
 
 class StopSignals:
@@ -27,10 +26,9 @@ class StopSignals:
         self._earlier: dict[int, object] = {}
 
     def __enter__(self) -> "StopSignals":
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-                if signal.getsignal(number) is not signal.SIG_IGN:
-                    self._earlier[number] = signal.signal(number, self._remember)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                self._earlier[number] = signal.signal(number, self._remember)
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -14,9 +14,8 @@ from tumblecal.capture.decoding.samples import Floats, Status
 from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, Attempt, RunState, read_journal, replayed, sha256_of
 from tumblecal.capture.log import RecordKind, read_log
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.run.dwell import losses_of
-from tumblecal.capture.run.run_folder import plan_of_run
+from tumblecal.capture.run.run_folder import plan_of_run, settings_of_run
 from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment
 from tumblecal.data.position_comments import NOT_CONFIRMED, identity_words
 from tumblecal.ground.counted import counted
@@ -135,12 +134,8 @@ def _decoded(
     if sha256_of(raw, attempt.log_start, attempt.log_stop) != attempt.sha256:
         raise InputError(f"{raw}: the bytes of position {name} were changed after recording; restore the file")
     plan, state = run
-    device, stated = protocol(state.device["protocol"]), state.configuration
-    # Range and rate: as the device stated when the run began, otherwise from the plan.
-    if stated is not None and "range_g" in stated:
-        settings = settings_of(stated)
-    else:
-        settings = device.settings(plan.port.range_g, float(state.device["rate_hz"]))
+    device = protocol(state.device["protocol"])
+    settings = settings_of_run(state, plan, device)
     # Bytes shortly before and after the attempt: its first and last frame may begin or end there.
     stop = attempt.log_stop + _AFTER_BYTES
     records = [r for r in read_log(raw, attempt.log_before, stop) if r.kind == RecordKind.BYTES]
