@@ -226,7 +226,7 @@ def test_sniff_says_something_of_any_bytes(tmp_path, s, tumblecal):
     (line,) = tumblecal("sniff", tmp_path / "frames.bin").lines
     assert "repeat every 21 bytes, like frames of that length; 2 of them never change (FA 10)" in line
     (line,) = tumblecal("sniff", tmp_path / "noise.bin").lines
-    assert "compressed data, or a wrong baud rate" in line
+    assert "compressed data, or a wrong baud rate?" in line
     (line,) = tumblecal("import", tmp_path / "noise.bin").lines
     assert "no format recognises it" in line
 
