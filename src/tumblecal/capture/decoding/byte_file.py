@@ -12,7 +12,7 @@ import polars as pl
 
 from tumblecal.capture.decoding.frame_numbers import CountedStream
 from tumblecal.capture.decoding.sample_table import known_columns, table_of, write_frames
-from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank
+from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank, is_known
 from tumblecal.capture.decoding.sniff import guessed
 from tumblecal.capture.log import MAGIC, LogReader, RecordKind
 from tumblecal.capture.protocols import Protocol, protocol
@@ -21,7 +21,7 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
-_PIECE, _RECORDS = 1 << 20, 1 << 10
+_PIECE, _RECORDS = 1 << 21, 1 << 10
 _STORED_EVENTS = 8
 
 
@@ -84,7 +84,7 @@ class FileContents:
         for event in piece.events:
             known[event.kind] += 1
             self.events += [event] * (known[event.kind] <= _STORED_EVENTS)
-        force = samples.force[(samples.status == 0) & np.isfinite(samples.force).all(1)]
+        force = samples.force[(samples.status == 0) & is_known(samples.force)]
         if len(force):
             self._typical = self._typical if self.good else force[0]
             self.good += len(force)
@@ -178,8 +178,8 @@ def decode_file(
                 if settings is None and "range_g" in event.content:
                     settings, rate_hz = settings_of(event.content), event.content["rate_hz"] or rate_hz
                     raise _StatedLate
-            table = table_of(piece.samples, rate_hz, contents.samples)
-            if out is not None and len(piece.samples) and not known_columns(table) <= columns:
+            table = table_of(piece.samples, rate_hz, contents.samples) if out else {}
+            if len(piece.samples) and not known_columns(table) <= columns:
                 columns |= known_columns(table)
                 raise _StatedLate
             contents.add(piece)

@@ -70,14 +70,14 @@ def reading(layout_of: Callable[[bytes], Layout]) -> Reading:
         parts, events = list[Samples](), list[Event]()
         starts, sizes, _ = found
         while len(starts):
-            size, frame = int(sizes[0]), data[starts[0] : starts[0] + sizes[0]]
-            layout = layout_of(frame.tobytes())
-            same = sizes == size
-            for at in layout.describing:
-                same[same] = data[starts[same] + at] == frame[at]
-            stops = starts[same] + size + offset
+            same = sizes == sizes[0]
+            rows = rows_of(data, starts[same], int(sizes[0]))
+            layout = layout_of(rows[0].tobytes())
+            alike = (rows[:, layout.describing] == rows[0, layout.describing]).all(axis=1)
+            same[same] = alike
+            stops = starts[same] + sizes[0] + offset
             if any(field.quantity == "force" for field in layout.fields):
-                samples = filled(rows_of(data, starts[same], size), layout.fields)
+                samples = filled(rows[alike], layout.fields)
                 samples.stop[:] = stops
                 samples.status[:] |= not_a_number(samples.force)
                 parts.append(samples)
