@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -39,7 +40,7 @@ def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
             if not file.peek(len(MAGIC)).startswith(MAGIC):
                 yield from iter(partial(file.read, _PIECE), b"")
                 return
-        with LogReader(path) as reader:
+        with closing(LogReader(path)) as reader:
             payloads = (record.payload for record in reader.records() if record.kind == RecordKind.BYTES)
             yield from iter(lambda: b"".join(islice(payloads, _RECORDS)), b"")
             if faults is not None:

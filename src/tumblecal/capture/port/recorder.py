@@ -13,7 +13,7 @@ import sys
 import time
 from pathlib import Path
 
-from tumblecal.capture.log import DiskFull, LogWriter, RecordKind
+from tumblecal.capture.log import LogWriter, RecordKind
 from tumblecal.capture.port.transport import Port, available
 from tumblecal.ground.errors import InputError
 
@@ -187,16 +187,11 @@ def main(path: str, url: str, baud: str) -> int:
         log.close()
         return 0
     except InputError as error:
-        words = error.faults[0]
-    except DiskFull:
-        words = f"{path}: the disk is full; recording stopped, all data before are stored. Make room, then --resume"
-    except OSError as error:
-        words = f"{path}: the disk failed ({error.strerror}); recording stopped. Check the disk, then --resume"
-    if log:
-        with contextlib.suppress(OSError):
-            log.sync()
-    tell(error=words)
-    return FAILED
+        if log:
+            with contextlib.suppress(InputError):
+                log.sync()
+        tell(error=error.faults[0])
+        return FAILED
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ def capture(
             await_port(plan.port.url, wait_s, signals.pause)
             recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or spoken.bauds[0])
         try:
-            options = spoken.decoder_options(plan.port.columns, plan.port.unit)
+            options = spoken.decoder_options(*state.text_columns(plan.port.columns, plan.port.unit))
             stream = LiveStream(recording, spoken, settings, options)
             with _end_recorded(run, stream):
                 identity = Identity(journal, recording.send, spoken.queries, trust=trust)

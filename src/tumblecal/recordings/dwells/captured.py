@@ -142,7 +142,7 @@ def _decoded(
     reduction.json, and arguments of `check_dwell`."""
     plan, state = run
     settings = _settings_of(state, plan, device)
-    options = device.decoder_options(plan.port.columns, plan.port.unit, whole=True)
+    options = device.decoder_options(*state.text_columns(plan.port.columns, plan.port.unit), whole=True)
     samples, host_s, attempted, specials = _stretch(raw, attempt, device, settings, options)
     losses = losses_of(device, samples, host_s, rate_hz, attempted, specials)
     guard = round(plan.dwell.guard_s * rate_hz)
