@@ -105,7 +105,9 @@ def frames_of(samples: Samples, *parts: bytes | Field | NDArray) -> Bytes:
         if isinstance(part, Field):
             values = part.unit.write(np.nan_to_num(getattr(samples, part.quantity)))
             kind = np.dtype(part.kind).base
-            part = (np.rint(values) if values.dtype.kind == "f" and kind.kind in "iu" else values).astype(kind)
+            if values.dtype.kind == "f" and kind.kind in "iu":
+                values = np.rint(values).clip(np.iinfo(kind).min, np.iinfo(kind).max)
+            part = values.astype(kind)
         elif isinstance(part, bytes):
             part = np.frombuffer(part * len(samples), np.uint8)
         columns.append(np.ascontiguousarray(part).view(np.uint8).reshape(len(samples), -1))

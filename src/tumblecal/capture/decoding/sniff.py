@@ -4,16 +4,14 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.protocols import protocols
 from tumblecal.ground.errors import InputError
 
 
 ENOUGH = 0.95
-# Number of unknown bytes that are examined; no protocol has longer frames.
-_LOOKED_AT, _LONGEST_FRAME = 1 << 16, 512
+# Number of bytes that are examined.
+_LOOKED_AT = 1 << 16
 
 
 class Guess(NamedTuple):
@@ -82,19 +80,7 @@ def described(data: bytes, wanted: str | None = None) -> str:
 
 
 def unknown_words(data: bytes) -> str:
-    """Description of bytes that no protocol and no format fits: text, frames of one length, or neither."""
-    content = np.frombuffer(data[:_LOOKED_AT], np.uint8)
-    if line := _text_line(content.tobytes()):
+    """Description of bytes that no protocol and no format fits."""
+    if line := _text_line(data[:_LOOKED_AT]):
         return f"text without three numbers a line, e.g. {line!r}"
-    shares = np.bincount(content, minlength=256) / max(len(content), 1)
-    lags = np.arange(4, min(_LONGEST_FRAME, len(content) // 8))
-    agreement = np.array([(content[lag:] == content[:-lag]).mean() for lag in lags])
-    usual, best = float((shares**2).sum()), agreement.max(initial=0.0)
-    if best > usual + max(0.02, 5 * np.sqrt(usual / max(len(content), 1))):
-        # Twice a frame's length also repeats: the shortest length that does so nearly as much is used.
-        length = int(lags[np.argmax(agreement > usual + 0.9 * (best - usual))])
-        rows = content[: len(content) // length * length].reshape(-1, length)
-        same = [f"{column[0]:02X}" for column in rows.T if (column == column[0]).mean() > 0.9]
-        fixed = f"{len(same)} of them never change ({' '.join(same[:8]) or 'none'})"
-        return f"the bytes repeat every {length} bytes, like frames of that length; {fixed}"
-    return f"{len(data)} bytes without frames of one length: compressed data, or a wrong baud rate?"
+    return f"{len(data)} bytes of another format or of compressed data, or a wrong baud rate"

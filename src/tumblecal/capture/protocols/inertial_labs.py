@@ -18,7 +18,7 @@ _FIELDS = {
     _FORCE: Field("force", "3<i4", scaled(1e-6)),
     0x21: Field("rate", "3<i4", scaled(1e-5)),
     0x52: Field("temperature", "<i2", scaled(0.1)),
-    0x53: Field("status", "<u2", Unit(lambda words: (words != 0) * Status.ERROR)),
+    0x53: Field("status", "<u2", Unit(lambda words: (words != 0) * Status.ERROR, lambda status: status > 0)),
 }
 
 

@@ -49,11 +49,25 @@ def _words24(raw: Bytes) -> Integers:
     return np.ndarray((len(raw), 3), ">i4", raw, strides=(10, 3)) >> 8
 
 
+def _bytes24(values: Floats) -> Bytes:
+    """The inverse, with a status byte of zero."""
+    words = np.clip(np.rint(values), -(2**23), 2**23 - 1).astype(">i4")[:, :, None]
+    return np.pad(words.view(np.uint8)[:, :, 1:].reshape(-1, 9), ((0, 0), (0, 1)))
+
+
 # Fields of the parts of a normal frame; the specific force as the device sends it.
 _FIELDS = {
-    "g": Field("rate", "10u1", Unit(lambda raw: _words24(raw) * 2.0**-_RATE_BITS)),
-    "a": Field("force", "10u1", Unit(_words24)),
-    "a temperature": Field("temperature", "3>i2", Unit(lambda words: words.mean(axis=1) / 256.0)),
+    "g": Field(
+        "rate",
+        "10u1",
+        Unit(lambda raw: _words24(raw) * 2.0**-_RATE_BITS, lambda dps: _bytes24(dps * 2.0**_RATE_BITS)),
+    ),
+    "a": Field("force", "10u1", Unit(_words24, _bytes24)),
+    "a temperature": Field(
+        "temperature",
+        "3>i2",
+        Unit(lambda words: words.mean(axis=1) / 256.0, lambda degc: (degc * 256)[:, None].repeat(3, axis=1)),
+    ),
     "counter": Field("counter", "u1"),
 }
 
@@ -131,25 +145,19 @@ def encode(samples: Samples, settings: Settings, identifier: int | None = None, 
     - `crlf`: CR LF after every frame.
     """
     identifier = identifier or (0xA7 if settings.temperatures else 0x93)
-    places = PLACES[identifier]
-    flags = [np.where(samples.status & flag, bits & 0xF0, 0) for flag, bits in _STATUS_BITS.items()]
-    status = np.bitwise_or.reduce(flags).astype(np.uint8)
-
-    def cluster(values: Floats, has_status: bool) -> Bytes:
-        words = np.clip(np.rint(np.nan_to_num(values)), -(2**23), 2**23 - 1).astype(">i4")
-        return frames_of(samples, words[:, :, None].view(np.uint8)[:, :, 1:].copy(), status * has_status)
-
-    degc = np.clip(np.rint(np.nan_to_num(samples.temperature) * 256), -(2**15), 2**15 - 1).astype(">i2")
-    temperatures = frames_of(samples, *[degc] * 3, b"\0")
-    scale = np.array([2.0 ** _FRACTION_BITS[range_g] for range_g in settings.range_g or (10.0,) * 3])
+    places, sent = PLACES[identifier], samples.copy()
+    sent.force[:] *= [2.0 ** _FRACTION_BITS[range_g] for range_g in settings.range_g or (10.0,) * 3]
+    temperatures = frames_of(samples, _FIELDS["a temperature"], b"\0")
     parts = {
-        "g": cluster(samples.rate * 2.0**_RATE_BITS, "a" not in places),
-        "a": cluster(samples.force * scale, True),
-        "i": cluster(np.clip(samples.force, -1.7, 1.7) * 2.0**_INCLINATION_BITS, False),
+        "g": _FIELDS["g"],
+        "a": _FIELDS["a"],
+        "i": _bytes24(np.clip(np.nan_to_num(samples.force), -1.7, 1.7) * 2.0**_INCLINATION_BITS),
         "extra": bytes(4),
-        "counter": frames_of(samples, (samples.counter % 256).astype(np.uint8), _LATENCY_US.to_bytes(2, "big")),
+        "counter": frames_of(samples, _FIELDS["counter"], _LATENCY_US.to_bytes(2, "big")),
     }
-    rows = frames_of(samples, bytes([identifier]), *(parts.get(name, temperatures) for name in places if name != "size"))
+    rows = frames_of(sent, bytes([identifier]), *(parts.get(name, temperatures) for name in places if name != "size"))
+    for flag, bits in _STATUS_BITS.items():
+        rows[:, places["a" if "a" in places else "g"] + 9] |= ((samples.status & flag) > 0) * np.uint8(bits & 0xF0)
     return frames_of(samples, rows, check(rows), CRLF * crlf).tobytes()
 
 
