@@ -14,3 +14,11 @@ def some_samples(n: int, seed: int = 0) -> Samples:
     samples.temperature[:] = 30 + random.normal(size=n)
     samples.counter[:] = np.arange(n)
     return samples
+
+
+def counted_samples(counter: np.ndarray, content: np.ndarray | None = None) -> Samples:
+    """Samples with these counters, and with different contents unless `content` has equal ones."""
+    samples = blank(len(counter))
+    samples.counter[:] = counter
+    samples.temperature[:] = np.arange(len(counter)) if content is None else content
+    return samples

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import some_samples
+from streams import counted_samples, some_samples
 
 from tumblecal.capture.decoding.byte_file import FileContents
 from tumblecal.capture.decoding.frame_numbers import WINDOW
@@ -40,7 +40,7 @@ def disturbed(draw: st.DrawFn) -> tuple[int, int, int, np.ndarray]:
 def test_the_true_loss_of_any_swaps_repeats_and_drops(case: tuple[int, int, int, np.ndarray]) -> None:
     modulus, step, first, numbers = case
     counter = (first + numbers * step) % modulus
-    found = count_losses(counter, np.zeros(len(numbers)), modulus, step, content=lambda rows: numbers[rows, None])
+    found = count_losses(counted_samples(counter, numbers), np.zeros(len(numbers)), modulus, step)
     distinct = len(set(numbers.tolist()))
     assert found.lost == np.ptp(numbers) + 1 - distinct
     assert found.duplicates == len(numbers) - distinct

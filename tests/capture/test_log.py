@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def test_damage_in_the_middle_costs_only_that_record(tmp_path: Path) -> None:
         data[at] ^= 1 << int(random.integers(8))
         path.write_bytes(data)
         hit = sum(stop <= at for stop in stops)
-        with LogReader(path) as reader:
+        with closing(LogReader(path)) as reader:
             found = [r.payload for r in reader.records()]
         assert found == payloads[:hit] + payloads[hit + 1 :]
         if hit < 4:
@@ -54,12 +55,13 @@ def test_damage_in_the_middle_costs_only_that_record(tmp_path: Path) -> None:
 _FILL = """
 import sys
 from pathlib import Path
-from tumblecal.capture.log import DiskFull, RecordKind, LogWriter
+from tumblecal.capture.log import RecordKind, LogWriter
+from tumblecal.ground.errors import InputError
 writer, stops = LogWriter(Path(sys.argv[1])), []
 try:
     while True:
         stops.append(writer.append(RecordKind.BYTES, b"x" * 1000, 1))
-except DiskFull:
+except InputError:
     writer.sync()
     print(len(stops))
 """

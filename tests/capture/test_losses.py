@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from streams import counted_samples
 
 from tumblecal.capture.decoding.losses import count_losses, losses_from_time
+from tumblecal.capture.decoding.samples import Status
 
 
 def stream(
@@ -32,7 +34,7 @@ def stream(
 def test_lost_samples_are_counted_exactly(rate: float, duration: float, unplugs: int, seed: int) -> None:
     numbers, host_s = stream(seed, rate, duration, unplugs)
     step = round(2000 / rate)
-    found = count_losses(numbers * step % 256, host_s, 256, step)
+    found = count_losses(counted_samples(numbers * step % 256), host_s, 256, step)
     assert found.lost == numbers[-1] - numbers[0] + 1 - len(numbers)
     assert found.unresolved == 0 and found.duplicates == 0
     assert sum(g.lost for g in found.gaps) == found.lost
@@ -43,21 +45,23 @@ def test_lost_samples_are_counted_exactly(rate: float, duration: float, unplugs:
 def test_a_gap_at_the_end_is_called_unresolved() -> None:
     numbers = np.concatenate([np.arange(1000), np.arange(1100, 1105)])
     host_s = np.ceil(numbers / 125.0 / 0.01) * 0.01
-    found = count_losses(numbers * 16 % 256, host_s, 256, 16)
+    found = count_losses(counted_samples(numbers * 16 % 256), host_s, 256, 16)
     assert found.unresolved == 1 and not found.gaps[-1].resolved
     assert found.lost % 16 == 100 % 16
 
 
 def test_replies_are_not_losses() -> None:
     numbers = np.delete(np.arange(1000), [100, 101, 500])
-    found = count_losses(numbers * 16 % 256, numbers / 125.0, 256, 16, special_after=np.array([99, 99]))
+    found = count_losses(counted_samples(numbers * 16 % 256), numbers / 125.0, 256, 16, np.array([99, 99]))
     assert (found.lost, found.replaced) == (1, 2)
 
 
 def test_duplicates_and_restarts() -> None:
     counter = np.array([0, 16, 32, 32, 48, 0, 16, 32])
     host_s = np.arange(8) / 125.0
-    found = count_losses(counter, host_s, 256, 16, restarts=np.array([4]))
+    samples = counted_samples(counter, np.array([0, 1, 2, 2, 3, 4, 5, 6]))
+    samples.status[5:] = Status.STARTING
+    found = count_losses(samples, host_s, 256, 16)
     assert found.duplicates == 1 and found.lost == 0 and found.unresolved == 1
 
 
@@ -65,12 +69,12 @@ def test_clock_counters_with_jitter() -> None:
     random = np.random.default_rng(0)
     numbers = np.delete(np.arange(2000), [50, 51, 700])
     counter = numbers * 10_000_000 + random.integers(-20_000, 20_000, len(numbers))
-    found = count_losses(counter, numbers / 100.0, 2**62)
+    found = count_losses(counted_samples(counter), numbers / 100.0, 2**62)
     assert found.lost == 3
 
 
 def test_no_counter_gives_an_estimate() -> None:
     numbers = np.concatenate([np.arange(3000), np.arange(3200, 6000)])
     host_s = np.ceil(numbers / 100.0 / 0.01) * 0.01
-    found = losses_from_time(host_s, 100.0)
+    found = losses_from_time(host_s)
     assert not found.counted and found.unresolved == 1 and abs(found.lost - 200) <= 2

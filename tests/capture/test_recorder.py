@@ -127,7 +127,7 @@ def test_unplugs_and_damage_are_counted_exactly(tmp_path: Path) -> None:
     numbers = sequence_of(samples)
     assert (np.diff(numbers) > 0).all()
     truth = numbers[-1] - numbers[0] + 1 - len(numbers)
-    found = count_losses(samples.counter, host_s, 256, 1)
+    found = count_losses(samples, host_s, 256, 1)
     assert found.lost == truth > 1000
     assert found.unresolved == 0
     assert [e["event"] for e in events(log)].count("reopened") == 2

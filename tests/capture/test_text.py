@@ -1,11 +1,10 @@
-"""Lines of numbers as boards print them: the layout is learned, checks are required once seen, nonsense is refused."""
+"""Lines of numbers as boards print them: names are required, checks are required once seen, nonsense is refused."""
 
 import numpy as np
 import pytest
 
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Decoded, Status
-from tumblecal.capture.protocols.line_columns import LineColumns
 from tumblecal.capture.protocols.text import TextDecoder
 from tumblecal.ground.errors import InputError
 
@@ -17,8 +16,8 @@ def decoded(lines: list[str], ending: str = "\r\n") -> Decoded:
 # Lines with {k} and {j} (k modulo 7), what is learned of them, and the force in g that line 5 states.
 LAYOUTS = {
     "a six-axis board": (
-        ["{j},-50,16384,5,-3,{k}"],
-        {"unit": "LSB 16384/g", "columns": ("ax", "ay", "az", "gx", "gy", "gz"), "unprotected": True},
+        ["ax ay az gx gy temp", "{j} -50 16384 5 -3 21"],
+        {"unit": "LSB 16384/g", "columns": ("ax", "ay", "az", "gx", "gy", "t"), "unprotected": True, "separator": " "},
         [5 / 16384, -50 / 16384, 1],
     ),
     "tabs, a leading word and a header": (
@@ -27,12 +26,12 @@ LAYOUTS = {
         [0.05 / 9.80665, 0.02 / 9.80665, 9.81 / 9.80665],
     ),
     "counter, time and temperature": (
-        ["{k}, {k}08, 12, -7, 1001, 25.{j}"],
-        {"columns": ("counter", "time", "ax", "ay", "az", "t")},
+        ["seq, t_ms, ax, ay, az, temp", "{k}, {k}08, 12, -7, 1001, 25.{j}"],
+        {"columns": ("counter", "time", "ax", "ay", "az", "t"), "unit": "mg"},
         [0.012, -0.007, 1.001],
     ),
     "decimal commas": (
-        ["0,0{j};-0,981;0,10"],
+        ["ax;ay;az", "0,0{j};-0,981;0,10"],
         {"separator": ";", "decimal_comma": True, "unit": "g"},
         [0.05, -0.981, 0.1],
     ),
@@ -64,6 +63,25 @@ def test_layouts_are_learned(name: str) -> None:
         assert found.samples.temperature[0] == 25.0
 
 
+@pytest.mark.parametrize(
+    ("lines", "columns", "unit"),
+    [
+        (["{k},{k}08,12,-7,1001,25.{j}"], "counter,time,ax,ay,az,-", "mg"),
+        (["7\t{j}\t-50\t16384\t5\t-3\t1"], "-,ax,ay,az,gx,gy,gz", "LSB 16384/g"),
+        (["x,y,z,w", "0.1,0.2,{j}9.4,70"], "-,-,-,-", ""),
+    ],
+)
+def test_columns_without_names_are_asked_for_and_never_guessed(lines: list[str], columns: str, unit: str) -> None:
+    text = [line.format(k=k, j=k % 7) for line in lines for k in range(40)]
+    found = decoded(text)
+    assert len(found.samples) == 0
+    (words,) = (event.content["text"] for event in found.events if event.kind == "refused")
+    assert f"give --columns {columns} --unit '{unit}'" in words if unit else "no specific force" in words
+    if unit:
+        pasted = decode_all(TextDecoder(columns, unit, whole=True), "".join(f"{line}\n" for line in text).encode())
+        assert len(pasted.samples) == 40 and found.counts.special == 40 and found.counts.discarded == 0
+
+
 def with_check(body: str) -> str:
     value = 0
     for character in body.encode():
@@ -72,9 +90,9 @@ def with_check(body: str) -> str:
 
 
 def test_checks_are_required_once_seen() -> None:
-    lines = [with_check(f"IMU,{k},0.01,0.02,9.80{k % 10}") for k in range(60)]
-    lines[30] = lines[30].replace("9.80", ".80")
-    lines[40] = "IMU,40,0.01,0.02,9.800"
+    lines = ["seq,ax,ay,az", *(with_check(f"IMU,{k},0.01,0.02,9.80{k % 10}") for k in range(60))]
+    lines[31] = lines[31].replace("9.80", ".80")
+    lines[41] = "IMU,40,0.01,0.02,9.800"
     found = decoded(lines)
     assert not found.events[0].content["unprotected"]
     assert len(found.samples) == 58 and found.counts.check_failures == 2 and found.counts.resyncs == 2
@@ -86,7 +104,8 @@ def test_a_line_without_a_number_is_a_sample_that_counts_as_bad(word: str, at: i
     """A third of all lines: left out they were no loss, and no samples at all where the protocol is to be guessed."""
     words = ["0.0", "0.1", "1.0"]
     words[at] = word
-    found = decoded([",".join(words) if k % 3 == 1 else "0.0,0.1,1.0" for k in range(90)])
+    rows = [",".join(words) if k % 3 == 1 else "0.0,0.1,1.0" for k in range(90)]
+    found = decoded(["ax,ay,az", *rows])
     assert len(found.samples) == 90 and found.counts.discarded == found.counts.resyncs == 0
     assert np.flatnonzero(found.samples.status == Status.NOT_A_NUMBER).tolist() == list(range(1, 90, 3))
     assert np.isnan(found.samples.force[1]).tolist() == [k == at for k in range(3)]
@@ -94,17 +113,16 @@ def test_a_line_without_a_number_is_a_sample_that_counts_as_bad(word: str, at: i
 
 def test_the_cut_first_line_of_a_port_is_dropped() -> None:
     data = "".join(f"{k % 3},-2,1000\n" for k in range(60)).encode()[3:]
-    found = decode_all(TextDecoder(), data)
+    found = decode_all(TextDecoder("ax,ay,az"), data)
     assert len(found.samples) == 59 and found.samples.force[0].tolist() == [0.001, -0.002, 1.0]
 
 
 def test_given_layout() -> None:
     with pytest.raises(InputError, match="az missing"):
-        LineColumns(("ax", "ay"), "g")
+        TextDecoder("ax,ay")
     with pytest.raises(InputError, match="unit"):
-        LineColumns(("ax", "ay", "az"), "stone")
-    layout = LineColumns(("-", "az", "ay", "ax"), "mg", " ")
-    found = decode_all(TextDecoder(layout, whole=True), b"7 1000 0 1\n8 1000 0 2\n")
+        TextDecoder("ax,ay,az", "stone")
+    found = decode_all(TextDecoder("-,az,ay,ax", "mg", whole=True), b"7 1000 0 1\n8 1000 0 2\n")
     assert found.samples.force.tolist() == [[0.001, 0.0, 1.0], [0.002, 0.0, 1.0]]
 
 
@@ -135,12 +153,12 @@ def test_lines_that_cannot_be_read_behind_a_header_are_told() -> None:
     found = decoded(["ax,ay,az"] + ["0.1,0.2,0.97"] * 30 + ["az,ay,ax"] + ["70,70,70"] * 30)
     assert len(found.samples) == 30
     (refused,) = [e for e in found.events if e.kind == "refused"]
-    assert "no specific force was found in the preceding 30 lines" in refused.content["text"]
+    assert "the unit of the specific force is not known: give --unit" in refused.content["text"]
 
 
 def test_a_header_against_the_given_columns_is_told() -> None:
     data = "".join(line + "\n" for line in TURNED[:60]).encode()
-    found = decode_all(TextDecoder(LineColumns(("ax", "ay", "az"), "g"), whole=True), data)
+    found = decode_all(TextDecoder("ax,ay,az", "g", whole=True), data)
     (refused,) = [e for e in found.events if e.kind == "refused"]
     assert "names the columns az,ay,ax; used as given: ax,ay,az" in refused.content["text"]
 
@@ -151,7 +169,7 @@ def test_numbers_beyond_all_measure_are_flagged() -> None:
 
 
 def test_an_overlong_line_costs_no_other() -> None:
-    lines = ["1,2,1000"] * 40
+    lines = ["ax,ay,az", *["1,2,1000"] * 40]
     data = ("\n".join(lines) + "\n" + "9" * 3000 + "\n" + "1,2,1000\n" * 5 + "7" * 2000).encode()
     whole = decode_all(TextDecoder(whole=True), data)
     assert len(whole.samples) == 45 == len(decode_all(TextDecoder(whole=True), data, chunk=500).samples)

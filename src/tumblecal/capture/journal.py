@@ -6,14 +6,13 @@ Attempts are numbered and never overwritten.
 
 import contextlib
 import hashlib
-import os
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tumblecal.capture.log import DiskFull, LogWriter, RecordKind, read_log
+from tumblecal.capture.log import LogWriter, RecordKind, read_log
 from tumblecal.ground.errors import InputError
 
 
@@ -83,11 +82,20 @@ class RunState:
         """The first serial number that the run's instrument stated; None if it never did."""
         return next((device["serial_number"] for device in self.devices if device.get("serial_number")), None)
 
+    def stated(self, kind: str) -> dict[str, Any]:
+        """The content of the last event of this kind that the instrument sent before a recording; empty for none."""
+        events = [event for device in self.devices for event in device.get("events", []) if event["kind"] == kind]
+        return events[-1] if events else {}
+
     @property
-    def configuration(self) -> dict | None:
+    def configuration(self) -> dict[str, Any] | None:
         """The settings that the instrument stated last, if it did."""
-        events = [event for device in self.devices for event in device.get("events", [])]
-        return next((event for event in reversed(events) if event["kind"] == "configuration"), None)
+        return self.stated("configuration") or None
+
+    def text_columns(self, columns: str, unit: str) -> tuple[str, str]:
+        """Columns and unit of text lines: those of the plan, otherwise those of the header line when the run began."""
+        layout = self.stated("layout")
+        return columns or ",".join(layout.get("columns", ())), unit or layout.get("unit", "")
 
     @property
     def last_accepted(self) -> Attempt | None:
@@ -202,18 +210,7 @@ class Journal:
         **Raises:** `InputError` if the disk is full or fails, or the journal was deleted or moved.
         """
         full = {"entry": entry, "wall_ns": time.time_ns(), **content}
-        path = self._writer.path
-        try:
-            self._writer.append_json(RecordKind.JOURNAL, full, time.monotonic_ns())
-        except DiskFull as error:
-            raise InputError(
-                f"{path}: the disk is full; all accepted positions are stored. Make room, then --resume"
-            ) from error
-        except OSError as error:
-            raise InputError(
-                f"{path}: cannot be written any more ({error.strerror}); the positions accepted before are stored. "
-                "Check the disk, then --resume"
-            ) from error
+        self._writer.append_json(RecordKind.JOURNAL, full, time.monotonic_ns())
         self.state.apply(full)
         self.check()
         return full
@@ -224,7 +221,7 @@ class Journal:
 
     def close(self) -> None:
         """Release the journal for other processes."""
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(InputError):
             self._writer.close()
 
 
@@ -233,14 +230,11 @@ def sha256_of(path: Path, start: int = 0, stop: int | None = None) -> str:
 
     **Raises:** `InputError` if it cannot be read.
     """
-    digest = hashlib.sha256()
     try:
-        with open(path, "rb") as file:
-            remaining = (os.fstat(file.fileno()).st_size if stop is None else stop) - start
+        with path.open("rb") as file:
             file.seek(start)
-            while remaining > 0 and (block := file.read(min(remaining, 1 << 20))):
-                digest.update(block)
-                remaining -= len(block)
+            if stop is None:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+            return hashlib.sha256(file.read(stop - start)).hexdigest()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    return digest.hexdigest()

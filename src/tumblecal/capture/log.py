@@ -6,7 +6,6 @@ writer cuts it off. Damage further in is skipped and reported, never read as dat
 """
 
 import contextlib
-import errno
 import fcntl
 import json
 import os
@@ -20,15 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.unwritable import FULL
 
 
 MAGIC = b"\xa7TC\x01"
 _HEADER = struct.Struct("<4sIIqI")
-_CHECKED = struct.Struct("<IIq")
 HEADER_SIZE = _HEADER.size
 _LARGEST_PAYLOAD = 1 << 24
-_BLOCK = 1 << 22
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class RecordKind(IntEnum):
@@ -53,24 +50,20 @@ class Record(NamedTuple):
         return json.loads(self.payload)
 
 
-class DiskFull(OSError):
-    """No room for the next record. All records before it are complete and on the disk."""
-
-
 def _check(kind: int, stamp_ns: int, payload: bytes) -> int:
-    return zlib.crc32(payload, zlib.crc32(_CHECKED.pack(kind, len(payload), stamp_ns)))
+    return zlib.crc32(payload, zlib.crc32(struct.pack("<IIq", kind, len(payload), stamp_ns)))
 
 
-def _record_at(data: bytes, at: int, base: int) -> Record | None:
-    """The record at `at`; None if there is no complete and valid one."""
-    if at + HEADER_SIZE > len(data):
-        return None
-    magic, kind, length, stamp, check = _HEADER.unpack_from(data, at)
-    stop = at + HEADER_SIZE + length
-    payload = data[at + HEADER_SIZE : stop]
-    if magic != MAGIC or length > _LARGEST_PAYLOAD or stop > len(data) or _check(kind, stamp, payload) != check:
-        return None
-    return Record(base + at, base + stop, kind, stamp, payload)
+@contextlib.contextmanager
+def _disk_faults(path: Path) -> Iterator[None]:
+    """Convert errors of the disk to `InputError`. They are not retried: the kernel may have dropped the data."""
+    try:
+        yield
+    except OSError as error:
+        why = "the disk is full" if error.errno in FULL else f"cannot be written any more ({error.strerror})"
+        raise InputError(
+            f"{path}: {why}; recording stopped, everything before is stored. Make room or check the disk, then --resume"
+        ) from error
 
 
 class LogReader:
@@ -87,28 +80,25 @@ class LogReader:
     position: int
 
     def __init__(self, path: Path, start: int = 0):
-        self.path = path
-        self.position = start
+        self.path, self.position = path, start
         self.damaged: list[tuple[int, int]] = []
-        self._file = open(path, "rb")  # noqa: SIM115 (closed by close)
+        self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        os.close(self._descriptor)
 
     def stat(self) -> os.stat_result:
         """Identity of the file: device and inode."""
-        return os.fstat(self._file.fileno())
+        return os.fstat(self._descriptor)
 
     def sync(self) -> None:
-        """Write the data appended so far to the disk."""
-        os.fdatasync(self._file.fileno())
+        """Write the data appended so far to the disk.
 
-    def __enter__(self) -> "LogReader":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        **Raises:** `InputError` if the disk fails.
+        """
+        with _disk_faults(self.path):
+            os.fdatasync(self._descriptor)
 
     def faults(self) -> Iterator[str]:
         """Parts without a record, in words, after all are read: stretches within, and an unfinished record at the end."""
@@ -119,27 +109,29 @@ class LogReader:
 
     def records(self, stop: int | None = None) -> Iterator[Record]:
         """All complete records from `position` on (to `stop`) that exist now."""
-        size = _BLOCK
         while True:
-            self._file.seek(self.position)
-            block = self._file.read(size if stop is None else min(size, max(stop - self.position, 0)))
-            at = 0
-            while (record := _record_at(block, at, self.position)) is not None:
-                at = record.stop - self.position
-                yield record
-            if at == 0 and len(block) == size == _BLOCK:
-                # A record may be larger than a block.
-                size = 2 * _LARGEST_PAYLOAD
-                continue
-            if at == 0:
+            record = self._record_at(self.position)
+            if record is None:
                 # Damage: continue at the next complete record, if there is one (yet).
-                marks = (mark.start() for mark in re.finditer(re.escape(MAGIC), block))
-                at = next((mark for mark in marks if _record_at(block, mark, 0)), 0)
-                if at == 0:
-                    return
-                self.damaged.append((self.position, self.position + at))
-            self.position += at
-            size = _BLOCK
+                rest = os.pread(self._descriptor, 2 * _LARGEST_PAYLOAD, self.position + 1)
+                marks = (self.position + 1 + mark.start() for mark in re.finditer(re.escape(MAGIC), rest))
+                record = next(filter(None, map(self._record_at, marks)), None)
+            if record is None or (stop is not None and record.stop > stop):
+                return
+            if record.offset > self.position:
+                self.damaged.append((self.position, record.offset))
+            self.position = record.stop
+            yield record
+
+    def _record_at(self, at: int) -> Record | None:
+        """The record at a place; None if there is no complete and valid one."""
+        header = os.pread(self._descriptor, HEADER_SIZE, at)
+        if len(header) < HEADER_SIZE or not header.startswith(MAGIC):
+            return None
+        _, kind, length, stamp, check = _HEADER.unpack(header)
+        payload = os.pread(self._descriptor, min(length, _LARGEST_PAYLOAD), at + HEADER_SIZE)
+        whole = len(payload) == length and _check(kind, stamp, payload) == check
+        return Record(at, at + HEADER_SIZE + length, kind, stamp, payload) if whole else None
 
 
 def read_log(path: Path, start: int = 0, stop: int | None = None, faults: list[str] | None = None) -> list[Record]:
@@ -148,7 +140,7 @@ def read_log(path: Path, start: int = 0, stop: int | None = None, faults: list[s
     **Raises:** `InputError` if the file cannot be read.
     """
     try:
-        with LogReader(path, start) as reader:
+        with contextlib.closing(LogReader(path, start)) as reader:
             records = list(reader.records(stop))
             if faults is not None:
                 faults += [f"{path.name}: {words}" for words in reader.faults()]
@@ -184,7 +176,7 @@ class LogWriter:
         except InputError:
             os.close(self._descriptor)
             raise
-        with LogReader(path) as reader:
+        with contextlib.closing(LogReader(path)) as reader:
             for _ in reader.records():
                 pass
             self.position, self.cut = reader.position, reader.stat().st_size - reader.position
@@ -214,20 +206,20 @@ class LogWriter:
     def append(self, kind: RecordKind, payload: bytes, stamp_ns: int) -> int:
         """Append one record and return the place just after it.
 
-        **Raises:** `DiskFull`; the log then ends with the last whole record.
+        **Raises:** `InputError` if the disk is full or fails; the log then ends with the last whole record.
         """
         header = _HEADER.pack(MAGIC, kind, len(payload), stamp_ns, _check(kind, stamp_ns, payload))
-        data = memoryview(header + payload)
-        written = 0
-        try:
-            while written < len(data):
-                written += os.write(self._descriptor, data[written:])
-        except OSError as error:
-            with contextlib.suppress(OSError):  # a disk that fails keeps the torn record; the next writer cuts it off
-                os.ftruncate(self._descriptor, self.position)
-            if error.errno in _FULL:
-                raise DiskFull(error.errno, os.strerror(error.errno), str(self.path)) from error
-            raise
+        data, written = header + payload, 0
+        with _disk_faults(self.path):
+            try:
+                while written < len(data):
+                    written += os.write(self._descriptor, data[written:])
+            except OSError:
+                with contextlib.suppress(
+                    OSError
+                ):  # a disk that fails keeps the torn record; the next writer cuts it off
+                    os.ftruncate(self._descriptor, self.position)
+                raise
         self.position += len(data)
         return self.position
 
@@ -238,8 +230,12 @@ class LogWriter:
         return stop
 
     def sync(self) -> None:
-        """Write everything to the disk. A failure is not retried: the kernel may have dropped the data."""
-        os.fdatasync(self._descriptor)
+        """Write everything to the disk.
+
+        **Raises:** `InputError` if the disk fails.
+        """
+        with _disk_faults(self.path):
+            os.fdatasync(self._descriptor)
 
     def check(self) -> None:
         """Check that this log still exists at its path: writing into a deleted file raises no error.
@@ -249,7 +245,11 @@ class LogWriter:
         # This check comes first: a log deleted between the two checks was not made read-only.
         writable = os.access(self.path.parent, os.W_OK) and os.access(self.path, os.W_OK)
         own = os.fstat(self._descriptor)
-        if not self.path.exists() or not os.path.samestat(self.path.stat(), own):
+        try:
+            there = os.path.samestat(self.path.stat(), own)
+        except OSError:
+            there = False
+        if not there:
             moved = Path(f"/proc/self/fd/{self._descriptor}")
             if not own.st_nlink or not moved.exists():
                 words = "was deleted while capturing; recording stopped, and this file is lost. Begin a new run"
@@ -264,8 +264,11 @@ class LogWriter:
             )
 
     def close(self) -> None:
-        """Write everything to the disk and release the log for other writers."""
+        """Write everything to the disk and release the log for other writers.
+
+        **Raises:** `InputError` if the disk fails.
+        """
         try:
-            os.fsync(self._descriptor)
+            self.sync()
         finally:
             os.close(self._descriptor)

@@ -2,16 +2,19 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
 from tumblecal.capture.decoding.frame_numbers import CountedStream
-from tumblecal.capture.decoding.sample_table import columns_of, table_of, write_frames
-from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank
-from tumblecal.capture.decoding.sniff import ENOUGH, guesses
+from tumblecal.capture.decoding.sample_table import known_columns, table_of, write_frames
+from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank, is_known
+from tumblecal.capture.decoding.sniff import guessed
 from tumblecal.capture.log import MAGIC, LogReader, RecordKind
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300_datagrams import settings_of
@@ -19,12 +22,12 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
-_PIECE = 1 << 20
+_PIECE, _RECORDS = 1 << 21, 1 << 10
 _STORED_EVENTS = 8
 
 
 def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
-    """The bytes of a file as received from the port, or of the raw log of a capture, a megabyte at a time.
+    """The bytes of a file as received from the port, or of the raw log of a capture, in pieces of about a megabyte.
 
     **Arguments:**
 
@@ -34,27 +37,16 @@ def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
     """
     try:
         with path.open("rb") as file:
-            piece = file.read(_PIECE)
-            if not piece.startswith(MAGIC):
-                while piece:
-                    yield piece
-                    piece = file.read(_PIECE)
+            if not file.peek(len(MAGIC)).startswith(MAGIC):
+                yield from iter(partial(file.read, _PIECE), b"")
                 return
-        with LogReader(path) as reader:
-            payloads, size = [], 0
-            for record in reader.records():
-                if record.kind == RecordKind.BYTES:
-                    payloads.append(record.payload)
-                    size += len(record.payload)
-                if size >= _PIECE:
-                    yield b"".join(payloads)
-                    payloads, size = [], 0
-            yield b"".join(payloads)
+        with closing(LogReader(path)) as reader:
+            payloads = (record.payload for record in reader.records() if record.kind == RecordKind.BYTES)
+            yield from iter(lambda: b"".join(islice(payloads, _RECORDS)), b"")
             if faults is not None:
                 faults[:] = reader.faults()
     except IsADirectoryError as error:
-        inside = path / "raw.log"
-        raise InputError(f"{path}: a folder; give a file of bytes{f', {inside}' * inside.is_file()}") from error
+        raise InputError(f"{path}: a folder; give a file of bytes, such as {path / 'raw.log'} of a capture") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
@@ -67,42 +59,39 @@ class _StatedLate(Exception):
 class FileContents:
     """The contents of a byte log, accumulated piece by piece.
 
-    `events`: the first of each kind; `event_counts`: number of events. `samples`: number of samples. `of_log`: stretches
-    without a record in a capture's raw log.
+    `events`: the first of each kind. `samples`: number of samples; `good`: without a fault. `of_log`: stretches without a record
+    in a capture's raw log.
     """
 
     protocol: Protocol
     rate_hz: float | None
     counts: Counts = field(default_factory=Counts)
     events: list[Event] = field(default_factory=list)
-    event_counts: Counter[str] = field(default_factory=Counter)
     samples: int = 0
     size: int = 0
     good: int = 0
     of_log: list[str] = field(default_factory=list)
-    # A typical specific force, and sums of the differences from it and of their squares.
-    _typical: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    _sums: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
 
     def __post_init__(self) -> None:
         self._stream = CountedStream(self.protocol.counter, self.rate_hz)
+        # A typical specific force, and sums of the differences from it and of their squares.
+        self._typical, self._sums = np.zeros(3), np.zeros((2, 3))
 
     def add(self, piece: Decoded) -> None:
         """Count a piece."""
-        samples = piece.samples
+        samples, known = piece.samples, Counter(event.kind for event in self.events)
         self.counts.add(piece.counts)
         self.samples += len(samples)
         for event in piece.events:
-            self.event_counts[event.kind] += 1
-            if self.event_counts[event.kind] <= _STORED_EVENTS:
-                self.events.append(event)
-        force = samples.force[(samples.status == 0) & np.isfinite(samples.force).all(1)]
+            known[event.kind] += 1
+            self.events += [event] * (known[event.kind] <= _STORED_EVENTS)
+        force = samples.force[(samples.status == 0) & is_known(samples.force)]
         if len(force):
             self._typical = self._typical if self.good else force[0]
             self.good += len(force)
             with np.errstate(over="ignore", invalid="ignore"):
                 difference = force - self._typical
-                self._sums = self._sums + np.array([difference.sum(0), (difference**2).sum(0)])
+                self._sums += np.array([difference.sum(0), (difference**2).sum(0)])
         self._stream.add(piece)
 
     def faults(self) -> Iterator[str]:
@@ -119,7 +108,7 @@ class FileContents:
     def losses(self) -> str:
         """A line on lost samples; empty if there is no counter."""
         counter, found = self.protocol.counter, self._stream.numbers
-        if counter is None or found is None or self.samples < 3:
+        if counter is None or found is None:
             return ""
         wraps = f" (whole wraps of {counter.modulus} cannot be seen in a file)" if counter.modulus <= 65536 else ""
         return f"lost by the counter: {found.lost} in {found.gaps} gaps, {found.replaced} replaced by other messages{wraps}"
@@ -133,9 +122,8 @@ class FileContents:
             )
         with np.errstate(over="ignore", invalid="ignore"):
             first, second = self._sums / self.good
-            mean, sd = self._typical + first, np.sqrt(np.maximum(second - first**2, 0.0))
-        means = " ".join(f"{v:+.6f}" for v in mean)
-        sds = " ".join(f"{v * 1e3:.3f}" for v in sd)
+            mean, sd = self._typical + first, 1e3 * np.sqrt(np.maximum(second - first**2, 0.0))
+        means, sds = " ".join(f"{v:+.6f}" for v in mean), " ".join(f"{v:.3f}" for v in sd)
         return f"{self.good} good samples: mean {means} g, sd {sds} mg, size {np.linalg.norm(mean):.5f} g"
 
 
@@ -164,20 +152,17 @@ def decode_file(
     start = next(pieces_of(path), b"")
     if not start:
         raise InputError(f"{path}: the file is empty")
-    how = protocol(name) if name is not None else _guessed(path, start)
+    how = protocol(name or guessed(path, start))
     options = how.decoder_options(stated.columns, stated.unit, whole=True)
     if ignored := [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and name not in options]:
-        raise InputError(
-            f"{path}: {how.title} states its columns itself; remove {' and '.join(ignored)}, which only lines of "
-            "text take (or give another --protocol)"
-        )
+        raise InputError(f"{path}: {how.title} states its columns itself; remove {' and '.join(ignored)}")
     if stated.range_g is not None and stated.range_g not in how.ranges_g:
         known = ", ".join(f"{r:g}" for r in how.ranges_g) or "none: its output is scaled already"
         raise InputError(f"--range-g {stated.range_g:g}: not a range of {how.name}; its ranges: {known}")
     # The stream may state these late; then it is decoded again.
     unknown = stated.range_g is None and how.range_from_stream
     settings, rate_hz = None if unknown else how.settings(stated.range_g, stated.rate_hz), stated.rate_hz
-    columns = frozenset[str]()
+    columns = set[str]()
 
     def decoded(contents: FileContents) -> Iterator[Decoded]:
         decoder = how.decoder(settings, **options)
@@ -194,19 +179,19 @@ def decode_file(
                 if settings is None and "range_g" in event.content:
                     settings, rate_hz = settings_of(event.content), event.content["rate_hz"] or rate_hz
                     raise _StatedLate
-            first, samples = contents.samples, piece.samples
-            if out is not None and len(samples) and not columns_of(samples) <= columns:
-                columns |= columns_of(samples)
+            table = table_of(piece.samples, rate_hz, contents.samples) if out else {}
+            if len(piece.samples) and not known_columns(table) <= columns:
+                columns |= known_columns(table)
                 raise _StatedLate
             contents.add(piece)
-            if out is not None:
-                yield pl.DataFrame(table_of(samples, columns, rate_hz, first))
+            yield pl.DataFrame({name: values for name, values in table.items() if name in columns})
 
     while True:
         contents = FileContents(how, rate_hz)
         try:
             if out is not None and columns:
-                schema = pl.DataFrame(table_of(blank(0), columns, rate_hz)).schema
+                table = table_of(blank(0), rate_hz)
+                schema = pl.DataFrame({name: values for name, values in table.items() if name in columns}).schema
                 write_frames(out, tables(contents), schema)
             else:
                 for _ in tables(contents):
@@ -214,13 +199,3 @@ def decode_file(
             return contents
         except _StatedLate:
             continue
-
-
-def _guessed(path: Path, data: bytes) -> Protocol:
-    ranked = guesses(data[:65536])
-    if ranked[0].explained < ENOUGH or not ranked[0].frames + ranked[0].special:
-        seen = ", ".join(f"{g.name} {g.explained:.0%}" for g in ranked if g.explained > 0.01) or "nothing"
-        raise InputError(
-            f"{path}: no protocol fits these bytes (recognised: {seen}); to read them anyway, give --protocol"
-        )
-    return protocol(ranked[0].name)

@@ -1,27 +1,38 @@
-"""Numbers at known places of frames, read from all frames of one layout at once, and frames written from such numbers."""
+"""Numbers at known places of frames: read from all frames of one layout at once, and written from samples."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from tumblecal.capture.decoding.framing import Found, Reading, rows_of
 from tumblecal.capture.decoding.samples import Bytes, Event, Samples, blank, joined, not_a_number
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+
+
+class Unit(NamedTuple):
+    """Conversion of numbers, shape (n, count), to the unit of `Samples`, and back."""
+
+    read: Callable[[Any], NDArray]
+    write: Callable[[NDArray], NDArray] = np.asarray
+
+
+PLAIN, RADIANS = Unit(np.asarray), Unit(np.degrees, np.radians)
+MS2 = Unit(lambda ms2: ms2 / STANDARD_GRAVITY_MS2, lambda g: g * STANDARD_GRAVITY_MS2)
+
+
+def scaled(factor: float | NDArray) -> Unit:
+    """Numbers that are multiples of a factor."""
+    return Unit(lambda numbers: numbers * factor, lambda values: values / factor)
 
 
 class Field(NamedTuple):
-    """One quantity of a frame.
+    """One quantity of `Samples` in a frame: its numpy type, with the count of numbers ("3>f4"), and its unit."""
 
-    **Arguments:**
-
-    - `at`: place in the frame. `kind`: its numpy type, with the count of numbers: "3>f4".
-    - `scaled`: converts these numbers, shape (n, count), to the unit of `Samples`; floating-point numbers are float64.
-    """
-
-    at: int
+    quantity: str
     kind: DTypeLike
-    scaled: Callable[[NDArray], NDArray] = np.asarray
+    unit: Unit = PLAIN
 
 
 class Layout(NamedTuple):
@@ -29,26 +40,26 @@ class Layout(NamedTuple):
 
     **Arguments:**
 
-    - `fields`: the field of each quantity, by the name in `Samples`.
+    - `fields`: place of each field that is read.
     - `describing`: places of the bytes that state the layout: frames of one size with equal bytes there have this layout.
     - `refused`: why no sample is read, if the frame has something like a specific force.
     - `event`: kind of the event of each frame without a specific force; "" for none.
     """
 
-    fields: dict[str, Field]
+    fields: dict[Field, int]
     describing: list[int]
     refused: str = ""
     event: str = ""
 
 
-def filled(rows: Bytes, fields: dict[str, Field]) -> Samples:
+def filled(rows: Bytes, fields: dict[Field, int]) -> Samples:
     """Samples of frames of one layout, shape (n, size); `stop` is not set."""
     samples = blank(len(rows))
-    for quantity, (at, kind, scaled) in fields.items():
+    for (quantity, kind, unit), at in fields.items():
         kind = np.dtype(kind)
         values = np.ascontiguousarray(rows[:, at : at + kind.itemsize]).view(kind.base)
         target = getattr(samples, quantity)
-        target[:] = scaled(values.astype(float) if kind.base.kind == "f" else values).reshape(target.shape)
+        target[:] = unit.read(values.astype(float) if kind.base.kind == "f" else values).reshape(target.shape)
     return samples
 
 
@@ -57,16 +68,16 @@ def reading(layout_of: Callable[[bytes], Layout]) -> Reading:
 
     def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         parts, events = list[Samples](), list[Event]()
-        starts, sizes = found.starts, found.sizes
+        starts, sizes, _ = found
         while len(starts):
-            size, frame = int(sizes[0]), data[starts[0] : starts[0] + sizes[0]]
-            layout = layout_of(frame.tobytes())
-            same = sizes == size
-            for at in layout.describing:
-                same[same] = data[starts[same] + at] == frame[at]
-            stops = starts[same] + size + offset
-            if "force" in layout.fields:
-                samples = filled(rows_of(data, starts[same], size), layout.fields)
+            same = sizes == sizes[0]
+            rows = rows_of(data, starts[same], int(sizes[0]))
+            layout = layout_of(rows[0].tobytes())
+            alike = (rows[:, layout.describing] == rows[0, layout.describing]).all(axis=1)
+            same[same] = alike
+            stops = starts[same] + sizes[0] + offset
+            if any(field.quantity == "force" for field in layout.fields):
+                samples = filled(rows[alike], layout.fields)
                 samples.stop[:] = stops
                 samples.status[:] |= not_a_number(samples.force)
                 parts.append(samples)
@@ -87,7 +98,17 @@ def in_order(parts: list[Samples]) -> Samples:
     return samples[np.argsort(samples.stop)] if len(parts) > 1 else samples
 
 
-def frames_of(n: int, *parts: bytes | NDArray) -> Bytes:
-    """`n` frames, shape (n, size): constant bytes, and columns of numbers, shape (n,) or (n, k), in their own type."""
-    columns = [np.frombuffer(part * n, np.uint8) if isinstance(part, bytes) else part for part in parts]
-    return np.hstack([np.ascontiguousarray(column).view(np.uint8).reshape(n, -1) for column in columns])
+def frames_of(samples: Samples, *parts: bytes | Field | NDArray) -> Bytes:
+    """A frame for each sample, shape (n, size): constant bytes, fields, and columns of bytes or numbers in their own type."""
+    columns = []
+    for part in parts:
+        if isinstance(part, Field):
+            values = part.unit.write(np.nan_to_num(getattr(samples, part.quantity)))
+            kind = np.dtype(part.kind).base
+            if values.dtype.kind == "f" and kind.kind in "iu":
+                values = np.rint(values).clip(np.iinfo(kind).min, np.iinfo(kind).max)
+            part = values.astype(kind)
+        elif isinstance(part, bytes):
+            part = np.frombuffer(part * len(samples), np.uint8)
+        columns.append(np.ascontiguousarray(part).view(np.uint8).reshape(len(samples), -1))
+    return np.hstack(columns)

@@ -7,6 +7,7 @@ This module finds the frames, stores the unfinished tail, and counts the bytes o
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import compress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 _CHECKED_BYTES = 1 << 24
 # An isolated frame with an 8-bit check is accepted only this close after an accepted frame.
 _LOCK_REACH_BYTES = 512
+# Bytes of which all kinds of frames recognise their beginning.
+_HEAD = 3
 
 
 class Found(NamedTuple):
@@ -52,9 +55,9 @@ class Frames:
     sizes: Callable[[Bytes, Integers], Integers]
     intact: Callable[[Bytes], Mask]
 
-    def begins(self, head: bytes) -> bool:
+    def begins(self, data: bytes) -> bool:
         """Whether a frame may begin with these bytes."""
-        return len(head) == len(self.sync) and all(map(bytes.__contains__, self.sync, head))
+        return len(data) >= len(self.sync) and all(map(bytes.__contains__, self.sync, data))
 
     def sizes_at(self, data: Bytes, places: Integers) -> Integers:
         """Size of the frame that may begin at each place: 0 for none; a frame that is cut off extends beyond the data."""
@@ -81,11 +84,11 @@ def _members(values: bytes) -> Mask:
     return np.isin(np.arange(256), list(values))
 
 
-def rows_of(data: Bytes, starts: Integers, size: int) -> Bytes:
+def rows_of(data: Bytes, starts: Integers | slice, size: int) -> Bytes:
     """The frames of `size` bytes that begin at `starts`, shape (n, size)."""
-    if not len(starts):
-        return np.zeros((0, size), np.uint8)
-    return np.lib.stride_tricks.sliding_window_view(data, size)[starts]
+    return (
+        np.lib.stride_tricks.sliding_window_view(data, size)[starts] if len(data) >= size else data[:0].reshape(0, size)
+    )
 
 
 def column(data: Bytes, starts: Integers, at: int, kind: str, n: int = 1) -> NDArray:
@@ -100,19 +103,17 @@ def select(starts: Integers, sizes: Integers, good: Mask, length: int, final: bo
     A candidate that extends beyond `length` and is not covered by a good frame ends the search unless `final`: later data
     cannot be decided yet.
     """
-    ends = starts + sizes
-    kept, end, limit = list[int](), 0, length
-    considered = np.flatnonzero(good | ((ends > length) & (not final)))
+    stops, kept, end = starts + sizes, list[int](), 0
+    considered = np.flatnonzero(good | ((stops > length) & (not final)))
     for k, start, stop in zip(
-        *(each[considered].tolist() for each in (np.arange(len(starts)), starts, ends)), strict=True
+        *(each.tolist() for each in (considered, starts[considered], stops[considered])), strict=True
     ):
         if start >= end and stop > length:
-            limit = start
-            break
+            return Found(starts[kept], sizes[kept], start)
         if start >= end:
             kept.append(k)
             end = stop
-    return Found(starts[kept], sizes[kept], limit)
+    return Found(starts[kept], sizes[kept], length)
 
 
 def find(kinds: tuple[Frames, ...], data: Bytes, final: bool, between: bytes = b"") -> Found:
@@ -125,30 +126,28 @@ def find(kinds: tuple[Frames, ...], data: Bytes, final: bool, between: bytes = b
     # Usually the data begin with a run of frames of one size: they are checked where they are.
     run, size, end = np.zeros(0, int), 0, 0
     for kind in kinds:
-        size = int(kind.sizes_at(data, np.zeros(min(len(data), 1), int)).sum())
-        if 0 < size <= len(data):
-            period = size + len(between) * (data[size : size + len(between)].tobytes() == between)
+        first = int(kind.sizes_at(data, np.zeros(min(len(data), 1), int)).sum())
+        if 0 < first <= len(data):
+            size, period = first, first + len(between) * (data[first : first + len(between)].tobytes() == between)
             run = np.arange(0, len(data) - size + 1, period)
-            rows = np.lib.stride_tricks.sliding_window_view(data, size)[::period]
-            good = (kind.sizes_at(data, run) == size) & kind.intact(rows)
+            good = (kind.sizes_at(data, run) == size) & kind.intact(rows_of(data, slice(None, None, period), size))
             run = run[np.logical_and.accumulate(good)]
             end = int(run[-1]) + size if len(run) else 0
-            break
-    # Behind it, each place with the first byte of a frame is a candidate.
+    # After it, each place with the first byte of a frame is a candidate.
     candidates = list[tuple[NDArray, ...]]()
     for kind in kinds:
         places = end + places_of(data[end:], kind.sync[0])
         sizes, good = kind.sizes_at(data, places), np.zeros(len(places), bool)
-        for one in np.unique(sizes[(sizes > 0) & (places + sizes <= len(data))]).tolist():
-            these = np.flatnonzero((sizes == one) & (places + one <= len(data)))
+        whole = places + sizes <= len(data)
+        for one in np.unique(sizes[(sizes > 0) & whole]).tolist():
+            these = np.flatnonzero((sizes == one) & whole)
             for some in np.array_split(these, 1 + len(these) * one // _CHECKED_BYTES):
                 good[some] = kind.intact(rows_of(data, places[some], one))
         candidates.append((places, sizes, good))
-    places, sizes, good = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
+    places, sizes, good = np.hstack(candidates)
     order = np.argsort(places)
-    found = select(places[order], sizes[order], good[order], len(data), final)
-    sizes = np.append(np.full(len(run), size), found.sizes)
-    return Found(np.append(run, found.starts), sizes, found.limit)
+    found = select(places[order], sizes[order], good[order] > 0, len(data), final)
+    return Found(np.append(run, found.starts), np.append(np.full(len(run), size), found.sizes), found.limit)
 
 
 class FrameDecoder:
@@ -163,75 +162,64 @@ class FrameDecoder:
 
     def __init__(self, read: Reading, *kinds: Frames, lock_after: int = 1, between: bytes = b""):
         self._read, self._kinds, self._needed, self._between = read, kinds, lock_after, between
-        # Whether the frame boundary is known, for protocols whose check alone is too weak to trust.
-        self._locked = lock_after <= 1
-        # The unfinished bytes, their place in the stream, and the end of the last frame from there.
-        self._tail, self._offset, self._end = np.zeros(0, np.uint8), 0, 0
-        self._seen_any = self._gap_begins_like_a_frame = False
-        self._refused = set[str]()
+        # Whether the frame boundary is known: an 8-bit check alone is too weak.
+        self._locked, self._seen_any = lock_after <= 1, False
+        # The unfinished bytes, their place in the stream, the end of the last frame from there, and the bytes after this end.
+        self._tail, self._offset, self._end, self._after = np.zeros(0, np.uint8), 0, 0, b""
+        # The first event of each reason for which valid frames are not read: only this one is reported.
+        self._refused = dict[str, Event]()
 
-    def feed(self, data: bytes) -> Decoded:
+    def feed(self, data: bytes, final: bool = False) -> Decoded:
         """Decode what `data` completes."""
-        return self._advance(data, final=False)
-
-    def finish(self) -> Decoded:
-        """Decode the remaining bytes; incomplete frames become discarded bytes."""
-        return self._advance(b"", final=True)
-
-    def _advance(self, fresh: bytes, final: bool) -> Decoded:
-        data = np.concatenate([self._tail, np.frombuffer(fresh, np.uint8)])
-        found = find(self._kinds, data, final, self._between)
+        bytes_, between = np.concatenate([self._tail, np.frombuffer(data, np.uint8)]), len(self._between)
+        found = find(self._kinds, bytes_, final, self._between)
         if self._needed > 1:
             found = self._believed(found, final)
         # A correct check does not imply correct numbers: numbers that are not finite are flagged.
         with np.errstate(over="ignore", invalid="ignore"):
-            samples, events = self._read(data, found, self._offset, final)
+            samples, events = self._read(bytes_, found, self._offset, final)
         counts = Counts(frames=len(samples), special=len(found.starts) - len(samples))
         # Bytes before each frame, and at the end of the stream.
         ends = np.append(self._end, found.starts + found.sizes)
-        gaps = np.append(found.starts, [len(data)] * final) - ends[: len(found.starts) + final]
+        gaps = np.append(found.starts, [len(bytes_)] * final) - ends[: len(found.starts) + final]
         for k in np.flatnonzero(gaps).tolist():
-            at, gap = int(ends[k]), int(gaps[k])
-            if at >= 0 and data[at : at + gap].tobytes() == self._between:
+            after = bytes_[ends[k] : ends[k] + _HEAD].tobytes() if ends[k] >= 0 else self._after
+            if gaps[k] == between and after.startswith(self._between):
                 continue
-            counts.discarded += gap
+            counts.discarded += int(gaps[k])
             if k < len(found.starts) and (self._seen_any or k):
                 counts.resyncs += 1
-                counts.check_failures += self._begins(data, at) if at >= 0 else self._gap_begins_like_a_frame
+                counts.check_failures += any(kind.begins(after) for kind in self._kinds)
         self._seen_any |= len(found.starts) > 0
         end, limit = int(ends[-1]), found.limit
         if final:
-            end = limit = len(data)
-        elif limit - end <= len(self._between):
+            end = limit = len(bytes_)
+        elif limit - end <= between:
             limit = max(end, 0)
         elif end >= 0:
-            self._gap_begins_like_a_frame = self._begins(data, end)
-        self._tail, self._offset, self._end = data[limit:].copy(), self._offset + limit, end - limit
-        return Decoded(samples, [event for event in events if self._is_new(event)], counts)
+            self._after = bytes_[end : end + _HEAD].tobytes()
+        self._tail, self._offset, self._end = bytes_[limit:].copy(), self._offset + limit, end - limit
+        first = [e.kind != "refused" or self._refused.setdefault(e.content["text"], e) is e for e in events]
+        return Decoded(samples, list(compress(events, first)), counts)
 
-    def _is_new(self, event: Event) -> bool:
-        """Whether an event is to be reported: each reason for valid frames that are not read is reported once."""
-        known = len(self._refused)
-        if event.kind == "refused":
-            self._refused.add(event.content["text"])
-        return event.kind != "refused" or len(self._refused) > known
-
-    def _begins(self, data: Bytes, at: int) -> bool:
-        return any(kind.begins(data[at : at + len(kind.sync)].tobytes()) for kind in self._kinds)
+    def finish(self) -> Decoded:
+        """Decode the remaining bytes; incomplete frames become discarded bytes."""
+        return self.feed(b"", final=True)
 
     def _believed(self, found: Found, final: bool) -> Found:
         """Drop isolated frames while the frame boundary is unknown."""
         starts, sizes, limit = found
         ends, keep, end = starts + sizes, np.zeros(len(starts), bool), self._end
         edges = np.flatnonzero(starts[1:] != ends[:-1]) + 1
-        for first, stop in zip([0, *edges], [*edges, len(starts)], strict=True) if len(starts) else ():
+        for some in np.split(np.arange(len(starts)), edges) if len(starts) else ():
+            first, last = some[0], some[-1]
             near = self._locked and starts[first] - end <= _LOCK_REACH_BYTES
-            if not near and stop - first < self._needed and ends[stop - 1] >= limit and not final:
+            if not near and len(some) < self._needed and ends[last] >= limit and not final:
                 limit = int(starts[first])
                 break
-            self._locked = near or stop - first >= self._needed
-            keep[first:stop] = self._locked
-            end = ends[stop - 1] if self._locked else end
+            self._locked = near or len(some) >= self._needed
+            keep[some] = self._locked
+            end = ends[last] if self._locked else end
         return Found(starts[keep], sizes[keep], limit)
 
 
@@ -242,5 +230,4 @@ def decode_all(decoder: "Decoder", data: bytes, chunk: int = 1 << 19) -> Decoded
     counts = Counts()
     for piece in pieces:
         counts.add(piece.counts)
-    events = [event for piece in pieces for event in piece.events]
-    return Decoded(joined([piece.samples for piece in pieces]), events, counts)
+    return Decoded(joined(p.samples for p in pieces), [event for p in pieces for event in p.events], counts)

@@ -17,30 +17,21 @@ from tumblecal.ground.unwritable import unwritable
 _ROW_GROUP = 1 << 18
 
 
-def columns_of(samples: Samples) -> frozenset[str]:
-    """The parts of samples that are known and become columns; always includes "force"."""
-    optional = {"rate": samples.rate, "temperature": samples.temperature}
-    return frozenset({"force", *(name for name, values in optional.items() if np.isfinite(values).any())})
+def table_of(samples: Samples, rate_hz: float | None = None, first: int = 0) -> dict[str, np.ndarray]:
+    """Samples as columns: time_s if the rate is known, ax_g .., gx_dps .., temperature_degc, counter, status.
 
-
-def table_of(
-    samples: Samples, columns: frozenset[str], rate_hz: float | None = None, first: int = 0
-) -> dict[str, np.ndarray]:
-    """Samples as columns: ax_g .., gx_dps .., temperature_degc, counter, status, and time_s if the rate is known.
-
-    **Arguments:**
-
-    - `columns`: the parts that become columns, as in `columns_of`. `first`: number of the first sample, for its time.
+    `first`: number of the first sample, for its time.
     """
-    table: dict[str, np.ndarray] = {}
-    if rate_hz:
-        table["time_s"] = np.arange(first, first + len(samples)) / rate_hz
+    table = {"time_s": np.arange(first, first + len(samples)) / rate_hz} if rate_hz else {}
     table |= {f"a{axis}_g": samples.force[:, k] for k, axis in enumerate("xyz")}
-    if "rate" in columns:
-        table |= {f"g{axis}_dps": samples.rate[:, k] for k, axis in enumerate("xyz")}
-    if "temperature" in columns:
-        table["temperature_degc"] = samples.temperature
-    return table | {"counter": samples.counter, "status": samples.status}
+    table |= {f"g{axis}_dps": samples.rate[:, k] for k, axis in enumerate("xyz")}
+    others = {"temperature_degc": samples.temperature, "counter": samples.counter, "status": samples.status}
+    return table | others
+
+
+def known_columns(table: Mapping[str, np.ndarray]) -> set[str]:
+    """The columns of a table of samples that the device sends; always includes the specific force."""
+    return {name for name, values in table.items() if name in ("ax_g", "ay_g", "az_g") or np.isfinite(values).any()}
 
 
 def write_frames(

@@ -1,5 +1,6 @@
 """The output of every decoder: samples in stream order, events, and counts of faults."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
 from typing import Any
@@ -26,65 +27,62 @@ class Status(IntFlag):
     NOT_A_NUMBER = 16
 
 
-@dataclass(frozen=True)
-class Samples:
-    """Samples in stream order; arrays of n rows.
-
-    **Arguments:**
-
-    - `stop`: place in the byte stream just after the frame, shape (n,).
-    - `force`: specific force in standard g (9.80665 m/s^2), shape (n, 3); NaN while the device's range is unknown.
-    - `rate`: angular rate in deg/s, shape (n, 3); NaN if not sent.
-    - `temperature`: degC, shape (n,); NaN if not sent.
-    - `counter`: the device's counter as sent, shape (n,); -1 if there is none.
-    - `status`: `Status` bits, shape (n,).
-    - `clock`: the device's clock as sent, in any unit of time, shape (n,); NaN if not sent.
-    """
-
-    stop: Integers
-    force: Floats
-    rate: Floats
-    temperature: Floats
-    counter: Integers
-    status: Bytes
-    clock: Floats
-
-    def __len__(self) -> int:
-        return len(self.stop)
-
-    def content(self, rows: slice) -> Floats:
-        """The contents of frames without their counter, shape (n, 8): frames with equal contents and counter are equal."""
-        of = self[rows]
-        return np.column_stack([of.force, of.rate, of.temperature, of.status.astype(np.float64)])
-
-    def __getitem__(self, rows: slice | NDArray) -> "Samples":
-        return Samples(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-
-def not_a_number(force: Floats) -> Bytes:
-    """The status of samples by their specific force alone."""
-    return np.where(np.isfinite(force).all(1), 0, Status.NOT_A_NUMBER).astype(np.uint8)
+# Samples in stream order, an array of n records:
+# - `stop`: place in the byte stream just after the frame.
+# - `force`: specific force in standard g (9.80665 m/s^2), (n, 3); NaN while the device's range is unknown.
+# - `rate`: angular rate in deg/s, (n, 3); NaN if not sent.
+# - `temperature`: degC; NaN if not sent.
+# - `counter`: the device's counter as sent; -1 if there is none.
+# - `status`: `Status` bits.
+# - `clock`: the device's clock as sent, in any unit of time; NaN if not sent.
+Samples = np.recarray
+_SAMPLE = np.dtype(
+    [
+        ("stop", "i8"),
+        ("force", "f8", 3),
+        ("rate", "f8", 3),
+        ("temperature", "f8"),
+        ("counter", "i8"),
+        ("status", "u1"),
+        ("clock", "f8"),
+    ],
+    align=True,
+)
+_EMPTY = np.array([(0, np.nan, np.nan, np.nan, -1, 0, np.nan)], _SAMPLE)
 
 
 def blank(n: int) -> Samples:
     """`n` empty samples: NaN values, no counter, status zero."""
-    return Samples(
-        stop=np.zeros(n, np.int64),
-        force=np.full((n, 3), np.nan),
-        rate=np.full((n, 3), np.nan),
-        temperature=np.full(n, np.nan),
-        counter=np.full(n, -1, np.int64),
-        status=np.zeros(n, np.uint8),
-        clock=np.full(n, np.nan),
-    )
+    return _EMPTY.repeat(n).view(Samples)
 
 
-def joined(parts: list[Samples]) -> Samples:
+def joined(parts: Iterable[Samples]) -> Samples:
     """Concatenate samples."""
-    parts = [part for part in parts if len(part)] or [blank(0)]
-    if len(parts) == 1:
-        return parts[0]
-    return Samples(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Samples)))
+    parts = [part for part in parts if len(part)]
+    return parts[0] if len(parts) == 1 else np.concatenate([blank(0), *parts]).view(Samples)
+
+
+def samples_of(rows: list[tuple]) -> Samples:
+    """Samples from their values one after the other; those without a number are flagged."""
+    samples = np.array(rows, _SAMPLE).view(Samples)
+    samples.status[:] = not_a_number(samples.force)
+    return samples
+
+
+def content_of(samples: Samples) -> Floats:
+    """The contents of frames without their counter, shape (n, 8): frames with equal contents and counter are equal."""
+    return np.column_stack([samples.force, samples.rate, samples.temperature, samples.status])
+
+
+def is_known(force: Floats) -> Mask:
+    """Whether all components of the specific force (n, 3) are finite, shape (n,)."""
+    # By component: several times faster than by sample.
+    return np.logical_and.reduce([np.isfinite(component) for component in force.T])
+
+
+def not_a_number(force: Floats) -> Bytes:
+    """The status of samples by their specific force alone."""
+    return ~is_known(force) * np.uint8(Status.NOT_A_NUMBER)
 
 
 @dataclass(frozen=True)

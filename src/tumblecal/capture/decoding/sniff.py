@@ -1,17 +1,17 @@
 """Recognition of the protocol of bytes: all are tried, and the one that explains most is used."""
 
 import re
+from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
 
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.protocols import protocols
+from tumblecal.ground.errors import InputError
 
 
 ENOUGH = 0.95
-# Number of unknown bytes that are examined; no protocol has longer frames.
-_LOOKED_AT, _LONGEST_FRAME = 1 << 16, 512
+# Number of bytes that are examined.
+_LOOKED_AT = 1 << 16
 
 
 class Guess(NamedTuple):
@@ -42,6 +42,20 @@ def guesses(data: bytes) -> list[Guess]:
     return sorted(found, key=lambda g: (round(g.explained, 2), protocols()[g.name].checked, g.frames), reverse=True)
 
 
+def guessed(path: Path, data: bytes) -> str:
+    """The protocol of the beginning of a file.
+
+    **Raises:** `InputError` if none fits.
+    """
+    best, *_ = ranked = guesses(data[:_LOOKED_AT])
+    if best.explained < ENOUGH:
+        seen = ", ".join(f"{g.name} {g.explained:.0%}" for g in ranked if g.explained > 0.01) or "nothing"
+        raise InputError(
+            f"{path}: no protocol fits these bytes (recognised: {seen}); to read them anyway, give --protocol"
+        )
+    return best.name
+
+
 def _text_line(data: bytes) -> str:
     """A complete line of the data if they are text, otherwise ""."""
     printable = len(re.findall(rb"[\x09\x0a\x0d\x20-\x7e]", data)) / max(len(data), 1)
@@ -68,24 +82,7 @@ def described(data: bytes, wanted: str | None = None) -> str:
 
 
 def unknown_words(data: bytes) -> str:
-    """Description of bytes that no protocol and no format fits: text, frames of one length, or neither."""
+    """Description of bytes that no protocol and no format fits."""
     if line := _text_line(data[:_LOOKED_AT]):
         return f"text without three numbers a line, e.g. {line!r}"
-    content = np.frombuffer(data[:_LOOKED_AT], np.uint8)
-    shares = np.bincount(content, minlength=256) / max(len(content), 1)
-    bits = abs(float((shares[shares > 0] * np.log2(shares[shares > 0])).sum()))
-    lags = range(4, min(_LONGEST_FRAME, len(content) // 8))
-    agreement = np.array([0.0, *((content[lag:] == content[:-lag]).mean() for lag in lags)])
-    usual = float((shares**2).sum())
-    if agreement.max() > usual + max(0.02, 5 * np.sqrt(usual / max(len(content), 1))):
-        # Twice a frame's length also repeats: the shortest length that does so nearly as much is used.
-        length = 3 + int(np.argmax(agreement > usual + 0.9 * (agreement.max() - usual)))
-        rows = content[: len(content) // length * length].reshape(-1, length)
-        usual_bytes = [np.bincount(column).argmax() for column in rows.T]
-        same = [
-            f"{byte:02X}" for byte, column in zip(usual_bytes, rows.T, strict=True) if (column == byte).mean() > 0.9
-        ]
-        fixed = f"{len(same)} of them never change ({' '.join(same[:8]) or 'none'})"
-        return f"the bytes repeat every {length} bytes, like frames of that length; {fixed}"
-    kind = "like compressed data, or a wrong baud rate" if bits > 7.5 else "without frames of one length"
-    return f"{len(data)} bytes, {bits:.1f} bits of information each, {kind}"
+    return f"{len(data)} bytes of another format or of compressed data, or a wrong baud rate"

@@ -38,7 +38,7 @@ class Tally:
     status: Counter[str] = field(default_factory=Counter)
     reopened: int = 0
     silences: int = 0
-    restarts: int = 0
+    device_restarts: int = 0
     longest_gap_s: float = 0.0
     bytes: int = 0
 
@@ -52,9 +52,8 @@ class Tally:
 
     def as_dict(self) -> dict[str, Any]:
         """The counts for the journal."""
-        counts = {name: value for name, value in vars(self).items() if name not in ("counts", "restarts")}
-        rounded = {"status": dict(self.status), "longest_gap_s": round(self.longest_gap_s, 3)}
-        return vars(self.counts) | counts | rounded | {"device_restarts": self.restarts}
+        counts = {name: value for name, value in vars(self).items() if name != "counts"}
+        return vars(self.counts) | counts | {"longest_gap_s": round(self.longest_gap_s, 3)}
 
 
 class LiveStream:
@@ -106,9 +105,12 @@ class LiveStream:
             if hits := int(np.count_nonzero(samples.status & flag)):
                 tally.status[str(flag.name).lower()] += hits
         self._stream.add(decoded)
-        tally.restarts = self._stream.restarts
         if numbers := self._stream.numbers:
-            tally.lost_at_least, tally.duplicates = numbers.lost, numbers.repeats
+            tally.lost_at_least, tally.duplicates, tally.device_restarts = (
+                numbers.lost,
+                numbers.repeats,
+                numbers.restarts,
+            )
         ends, start, stop, stamp_s = np.array(self._records or np.zeros((0, 4))).T
         which = np.searchsorted(ends, samples.stop)
         self._records = self._records[which[-1] if len(which) else 0 :]
@@ -118,4 +120,4 @@ class LiveStream:
 
 def collected(parts: list[Arrived]) -> tuple[Samples, Floats]:
     """Samples and stamps of several polls together."""
-    return joined([p.samples for p in parts]), np.concatenate([np.zeros(0), *(p.host_s for p in parts)])
+    return joined(p.samples for p in parts), np.concatenate([np.zeros(0), *(p.host_s for p in parts)])

@@ -13,7 +13,7 @@ import sys
 import time
 from pathlib import Path
 
-from tumblecal.capture.log import DiskFull, LogWriter, RecordKind
+from tumblecal.capture.log import LogWriter, RecordKind
 from tumblecal.capture.port.transport import Port, available
 from tumblecal.ground.errors import InputError
 
@@ -59,7 +59,7 @@ class Recorder:
         self.event("started", pid=os.getpid(), cut_bytes=log.cut, boot_id=boot_id, url=url, baud=baud, **self._anchor)
         self._port: Port | None = Port(url, baud)
         self._identity = self._port.identity
-        self.event("opened", identity=self._identity.as_dict(), line_errors=self._port.line_errors())
+        self.event("opened", identity=vars(self._identity))
         tell(opened=url)
         self._last_byte_s = self._lost_at_s = self._next_try_s = time.monotonic()
         self._silent = self._ending = False
@@ -82,7 +82,7 @@ class Recorder:
                 self._watch_clocks()
             time.sleep(POLL_S)
         self._take()
-        self.event("stopped", line_errors=self._port.line_errors() if self._port else None, **clocks())
+        self.event("stopped", **clocks())
         if self._port:
             # The port is closed before the log is released: the next process with the log finds the port free.
             self._port.close()
@@ -131,11 +131,11 @@ class Recorder:
             return
         if not self._identity.same_unit(port.identity):
             port.close()
-            self.event("other_device", identity=port.identity.as_dict())
+            self.event("other_device", identity=vars(port.identity))
             self._next_try_s = now + _OTHER_DEVICE_S
             return
         self._port, self._last_byte_s = port, now
-        self.event("reopened", gap_s=now - self._lost_at_s, identity=port.identity.as_dict())
+        self.event("reopened", gap_s=now - self._lost_at_s, identity=vars(port.identity))
 
     def _obey(self) -> bool:
         """Execute commands of the parent; False after a stop command, the end of the parent, or a signal."""
@@ -187,16 +187,11 @@ def main(path: str, url: str, baud: str) -> int:
         log.close()
         return 0
     except InputError as error:
-        words = error.faults[0]
-    except DiskFull:
-        words = f"{path}: the disk is full; recording stopped, all data before are stored. Make room, then --resume"
-    except OSError as error:
-        words = f"{path}: the disk failed ({error.strerror}); recording stopped. Check the disk, then --resume"
-    if log:
-        with contextlib.suppress(OSError):
-            log.sync()
-    tell(error=words)
-    return FAILED
+        if log:
+            with contextlib.suppress(InputError):
+                log.sync()
+        tell(error=error.faults[0])
+        return FAILED
 
 
 if __name__ == "__main__":

@@ -103,10 +103,7 @@ class Recording:
 
         **Raises:** `InputError` if the disk fails.
         """
-        try:
-            self._reader.sync()
-        except OSError as error:
-            raise InputError(f"{self.log}: the disk failed ({error.strerror}); check it, then --resume") from error
+        self._reader.sync()
 
     def send(self, data: bytes) -> None:
         """Have the recorder write a command to the device."""

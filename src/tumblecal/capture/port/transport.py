@@ -4,14 +4,12 @@ Reads never wait: one read returns the available bytes, so nothing is lost if it
 """
 
 import contextlib
+import errno
 import fcntl
 import os
-import stat
-import struct
 import termios
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import serial
 from serial.tools import list_ports
@@ -21,7 +19,6 @@ from tumblecal.ground.plain_text import plain
 
 
 _READ_BYTES = 65536
-_TIOCGICOUNT = 0x545D
 
 
 @dataclass(frozen=True)
@@ -49,10 +46,6 @@ class Identity:
                 other.serial_number,
             )
         return self.url == other.url
-
-    def as_dict(self) -> dict[str, Any]:
-        """The identity for the log."""
-        return asdict(self)
 
 
 def available() -> list[Identity]:
@@ -118,15 +111,6 @@ class Port:
         """
         self._serial.write(data)
 
-    def line_errors(self) -> dict[str, int] | None:
-        """The kernel's counts of framing, overrun and parity errors, if the driver has them."""
-        try:
-            raw = fcntl.ioctl(self._serial.fileno(), _TIOCGICOUNT, bytes(80))
-        except (OSError, ValueError, AttributeError):
-            return None
-        words = struct.unpack("20i", raw)
-        return dict(zip(("frame", "overrun", "parity", "break", "buffer_overrun"), words[6:11], strict=True))
-
     def close(self) -> None:
         """Close, even if the device is already disconnected."""
         with contextlib.suppress(OSError, TypeError):
@@ -134,30 +118,27 @@ class Port:
 
 
 def _why_not(url: str, baud: int, error: Exception) -> str:
+    path, text, number = Path(url), str(error), getattr(error, "errno", None)
+    words = (
+        f"the driver does not support {baud} baud ({text})"
+        if isinstance(error, ValueError)
+        else f"cannot be opened ({text})"
+    )
     if "://" in url:
-        return f"port {url}: cannot be opened ({error})"
-    path = Path(url)
-    if not path.exists():
+        pass
+    elif not path.exists():
         names = ", ".join(i.url for i in available()) or "none found"
-        return f"port {url}: there is no such device; plug it in, or use one of: {names} (`tumblecal ports`)"
-    if not stat.S_ISCHR(path.stat().st_mode):
-        return f"port {url}: this is not a serial device"
-    number = getattr(error, "errno", None)
-    if number in (1, 13) or "Permission" in str(error):
-        try:
+        words = f"there is no such device; plug it in, or use one of: {names} (`tumblecal ports`)"
+    elif not path.is_char_device():
+        words = "this is not a serial device"
+    elif number in (errno.EPERM, errno.EACCES) or "Permission" in text:
+        group = path.stat().st_gid
+        with contextlib.suppress(KeyError):
             group = path.group()
-        except KeyError:
-            group = str(path.stat().st_gid)
-        return (
-            f"port {url}: no permission; the device belongs to the group {group}: "
-            f"`sudo usermod -aG {group} $USER`, then log in again"
-        )
-    if number in (11, 16) or "lock" in str(error).lower() or "busy" in str(error).lower():
-        holder = holder_of(path)
-        return f"port {url}: in use{f' by {holder}' if holder else ' by another program'}; end it first"
-    if isinstance(error, ValueError):
-        return f"port {url}: the driver does not support {baud} baud ({error})"
-    return f"port {url}: cannot be opened ({error})"
+        words = f"no permission; the device belongs to the group {group}: `sudo usermod -aG {group} $USER`, then log in again"
+    elif number in (errno.EAGAIN, errno.EBUSY) or "lock" in text.lower() or "busy" in text.lower():
+        words = f"in use by {holder_of(path) or 'another program'}; end it first"
+    return f"port {url}: {words}"
 
 
 def _terminal_of(path: Path) -> str | None:
@@ -165,7 +146,7 @@ def _terminal_of(path: Path) -> str | None:
     with contextlib.suppress(OSError):
         device = path.stat()
         own = os.major(device.st_rdev), os.minor(device.st_rdev)
-        for process in Path("/proc").glob("[0-9]*") if stat.S_ISCHR(device.st_mode) else ():
+        for process in Path("/proc").glob("[0-9]*") if path.is_char_device() else ():
             with contextlib.suppress(OSError):
                 name, fields = (process / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
                 number = int(fields.split()[4])

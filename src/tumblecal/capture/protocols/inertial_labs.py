@@ -7,25 +7,24 @@ the bytes behind the preamble. 0x23 specific force 1e-6 g, 0x21 rate 1e-5 deg/s,
 import numpy as np
 
 from tumblecal.capture.decoding.checks import byte_sum, ends_with
-from tumblecal.capture.decoding.fields import Field, Layout, frames_of, reading
+from tumblecal.capture.decoding.fields import Field, Layout, Unit, frames_of, reading, scaled
 from tumblecal.capture.decoding.framing import FrameDecoder, Frames, column
 from tumblecal.capture.decoding.samples import Bytes, Integers, Samples, Settings, Status
 from tumblecal.capture.protocols import Protocol
 
 
-_USER_DEFINED, _FORCE, _LARGEST = 0x95, 0x23, 1024
-# Quantity of each field identifier, with its numbers.
+_USER_DEFINED, _FORCE = 0x95, 0x23
 _FIELDS = {
-    _FORCE: ("force", "3<i4", lambda words: words * 1e-6),
-    0x21: ("rate", "3<i4", lambda words: words * 1e-5),
-    0x52: ("temperature", "<i2", lambda words: words * 0.1),
-    0x53: ("status", "<u2", lambda words: np.where(words != 0, Status.ERROR, 0)),
+    _FORCE: Field("force", "3<i4", scaled(1e-6)),
+    0x21: Field("rate", "3<i4", scaled(1e-5)),
+    0x52: Field("temperature", "<i2", scaled(0.1)),
+    0x53: Field("status", "<u2", Unit(lambda words: (words != 0) * Status.ERROR, lambda status: status > 0)),
 }
 
 
 def _sizes(data: Bytes, places: Integers) -> Integers:
     sizes = column(data, places, 4, "<u2").astype(int) + 2
-    return np.where((sizes >= 8) & (sizes <= _LARGEST), sizes, 0)
+    return sizes * ((sizes >= 8) & (sizes <= 1024))
 
 
 def _check(rows: Bytes) -> Bytes:
@@ -46,32 +45,23 @@ def _layout(message: bytes) -> Layout:
     if message[3] != _USER_DEFINED or len(message) < 9:
         return Layout({}, [3])
     at = 7 + message[6]
-    identifiers = message[7 : min(at, stop)]
-    describing = [3, *range(6, 7 + len(identifiers))]
-    fields, refused = dict[str, Field](), ""
+    identifiers, fields, refused = message[7 : min(at, stop)], dict[Field, int](), ""
     for identifier in identifiers:
-        name, kind, scaled = _FIELDS.get(identifier, ("", "V", np.asarray))
-        if not name and _FORCE in identifiers and "force" not in fields:
+        field = _FIELDS.get(identifier)
+        if field is None and _FORCE in identifiers and _FIELDS[_FORCE] not in fields:
             refused = f"a field 0x{identifier:02X} of unknown size precedes the specific force 0x23: make 0x23 the first field"
-        if not name or at + np.dtype(kind).itemsize > stop:
+        if field is None or at + np.dtype(field.kind).itemsize > stop:
             break
-        fields[name], at = Field(at, kind, scaled), at + np.dtype(kind).itemsize
-    return Layout(fields, describing, refused)
+        fields[field], at = at, at + np.dtype(field.kind).itemsize
+    return Layout(fields, [3, *range(6, 7 + len(identifiers))], refused)
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:
     """Messages with specific force, rate, temperature and status."""
-    content = frames_of(
-        len(samples),
-        bytes([len(_FIELDS), *_FIELDS]),
-        np.rint(samples.force * 1e6).astype("<i4"),
-        np.rint(np.nan_to_num(samples.rate) * 1e5).astype("<i4"),
-        np.rint(np.nan_to_num(samples.temperature) * 10).astype("<i2"),
-        np.where(samples.status, 1, 0).astype("<u2"),
-    )
+    content = frames_of(samples, bytes([len(_FIELDS), *_FIELDS]), *_FIELDS.values())
     head = bytes([0xAA, 0x55, 1, _USER_DEFINED]) + (content.shape[1] + 6).to_bytes(2, "little")
-    rows = frames_of(len(samples), head, content)
-    return np.hstack([rows, _check(rows)]).tobytes()
+    rows = frames_of(samples, head, content)
+    return frames_of(samples, rows, _check(rows)).tobytes()
 
 
 PROTOCOL = Protocol(

@@ -1,9 +1,8 @@
-"""Quantities of the columns of text lines: given, named by a header line, or learned from the numbers.
+"""Quantities of the columns of text lines: given, or named by a header line; without names they are proposed, never used.
 
-The unit comes from the column names, or from a triple whose length is one g in some usual unit.
+The unit is given, comes from the column names, or is the usual one in which the specific force has a length of one g.
 """
 
-import math
 import re
 from dataclasses import dataclass
 
@@ -16,13 +15,13 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS_PER_G
 
 
-_LOCK_LINES = 5
-_SURELY_RISING = 12
+# Lines of a layout from which its columns are proposed.
+_FEWEST_LINES = 5
 # A number, or a word that boards print instead of a missing one.
 _CELL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)$|[+-]?(?:nan|inf(?:inity)?|ovf)$", re.IGNORECASE)
-_ROLES = (*FORCE, *RATE, "t", "counter", "time")
+ROLES = (*FORCE, *RATE, "t", "counter", "time")
 # Names with another meaning, or none, in other tables.
-_NAMES = {"tms": "time", "tus": "time"} | {f"g_{axis}": f"g{axis}" for axis in "xyz"}
+_NAMES = {"tms": "time", "tus": "time", "temperature": "t"} | {f"g_{axis}": f"g{axis}" for axis in "xyz"}
 _NAMES |= dict.fromkeys(("seq", "n", "count", "counter", "index", "packet", "sample", "no"), "counter")
 
 
@@ -45,53 +44,47 @@ class LineColumns:
     decimal_comma: bool = False
     checked: bool = False
 
-    def __post_init__(self) -> None:
-        unknown = [c for c in self.columns if c not in _ROLES and c != "-"]
-        missing = [c for c in FORCE if c not in self.columns]
-        if unknown or missing:
-            raise InputError(
-                f"text columns {','.join(self.columns)}: "
-                + (f"{', '.join(unknown)} unknown" if unknown else f"{', '.join(missing)} missing")
-                + f"; give a list of {', '.join(_ROLES)}, or - for an unused column"
-            )
-        if self.unit not in UNITS_PER_G:
-            raise InputError(f"text unit {self.unit!r}: unknown; give one of {', '.join(UNITS_PER_G)}")
-
-    def row(self, line: bytes) -> list[float] | None:
-        """The numbers of a line in the order of `_ROLES`, force in g; None if the line does not have this layout.
-
-        NaN for nan, inf and ovf, for quantities that are not in the lines, and for rates of fewer than three axes.
-        """
-        cells = [
-            _CELL.match(word) for word in _words(line.decode("ascii", "replace"), self.separator, self.decimal_comma)
-        ]
-        if len(cells) != len(self.columns) or not all(cells) or not line.isascii():
+    def row(self, line: bytes) -> dict[str, float] | None:
+        """The numbers of a line by quantity, force in g, NaN for nan, inf and ovf; None if the line does not have this layout."""
+        numbers = _numbers(line.decode("ascii", "replace"), self.separator, self.decimal_comma)
+        if numbers is None or len(numbers) != len(self.columns):
             return None
-        numbers = {
-            role: float(cell[1]) if cell[1] else math.nan
-            for role, cell in zip(self.columns, cells, strict=True)
-            if cell
-        }
-        force = [numbers[role] / UNITS_PER_G[self.unit] for role in FORCE]
-        known = _ROLES[3:] if set(RATE) <= set(numbers) else _ROLES[6:]
-        return force + [numbers[role] if role in known and role in numbers else math.nan for role in _ROLES[3:]]
+        row = dict(zip(self.columns, numbers, strict=True))
+        return row | {role: row[role] / UNITS_PER_G[self.unit] for role in FORCE}
 
 
-def _words(text: str, separator: str, decimal_comma: bool = False) -> list[str]:
-    """The words of a line, without a leading name."""
-    words = text.split() if separator == " " else [word.strip() for word in text.split(separator)]
-    if words and not _CELL.match(words[0].replace(",", ".")):
+def check_given(columns: tuple[str, ...], unit: str) -> None:
+    """Check the options of the user; empty for none.
+
+    **Raises:** `InputError` for an unknown quantity or unit, or an incomplete specific force.
+    """
+    faults = [f"{name} unknown" for name in columns if name not in (*ROLES, "-")]
+    faults += [f"{name} missing" for name in FORCE if columns and name not in columns]
+    if faults:
+        raise InputError(
+            f"text columns {','.join(columns)}: {', '.join(faults)}; give a list of {', '.join(ROLES)}, or - for an unused column"
+        )
+    if unit and unit not in UNITS_PER_G:
+        raise InputError(f"text unit {unit!r}: unknown; give one of {', '.join(UNITS_PER_G)}")
+
+
+def _numbers(text: str, separator: str, decimal_comma: bool) -> list[float] | None:
+    """The numbers of a line, without a leading name; None for a line with other words."""
+    words = text.split(None if separator == " " else separator)
+    words = [word.strip().replace(",", ".") if decimal_comma else word.strip() for word in words]
+    if words and not _CELL.match(words[0]):
         words = words[1:]
     if words and words[-1] == "":
         words = words[:-1]
-    return [word.replace(",", ".") for word in words] if decimal_comma else words
+    cells = [_CELL.match(word) for word in words]
+    return [float(cell[1] or "nan") for cell in cells if cell] if all(cells) else None
 
 
 def _role_of(word: str) -> tuple[str, str]:
     """Quantity and unit of a name; "-" for an unknown one, and for accelerations without gravity."""
     role, unit = role_of(word)
-    role = _NAMES.get(re.sub(r"[\[(].*", "", word).strip().lower(), "t" if role == "temperature" else role)
-    return (role, unit) if role in _ROLES and parsed(word).state not in ("linear", "world", "free") else ("-", "")
+    role = _NAMES.get(re.sub(r"[\[(].*", "", word).strip().lower(), _NAMES.get(role, role))
+    return (role, unit) if role in ROLES and parsed(word).state not in ("linear", "world", "free") else ("-", "")
 
 
 def names_of(words: list[str]) -> list[str]:
@@ -99,64 +92,57 @@ def names_of(words: list[str]) -> list[str]:
     return [_role_of(word)[0] for word in words]
 
 
-def _unit_of_length(length: float) -> str | None:
-    """The unit in which this length of the specific force is one g, within a tenth."""
-    return next((unit for unit, per_g in UNITS_PER_G.items() if abs(length / per_g - 1) < 0.1), None)
+def _unit_by_length(force: Floats) -> str:
+    """The unit in which the usual length of the specific force (n, 3) is one g, within a tenth; "" for none."""
+    length = float(np.median(np.linalg.norm(force, axis=1)))
+    return next((unit for unit, per_g in UNITS_PER_G.items() if abs(length / per_g - 1) < 0.1), "")
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def learn(lines: list[str], header: list[str] | None = None, checked: bool = False) -> LineColumns | None:
-    """The layout of these lines; None if no specific force is found in them.
+def learn(
+    lines: list[str], header: list[str], given: tuple[tuple[str, ...], str], checked: bool
+) -> tuple[LineColumns | None, str]:
+    """The layout of these lines, or a question to the user.
 
     **Arguments:**
 
     - `lines`: lines of numbers, without their checksum.
-    - `header`: words of a header line seen before.
+    - `header`: words of a header line before them; empty for none. `given`: columns and unit of the user; empty for none.
+
+    Both are empty if the lines have no specific force, or are too few.
     """
     separator = separator_of(lines)
     # Between other separators a comma is a decimal mark: boards write no thousands separators.
-    decimal_comma = separator != "," and any("," in word for line in lines for word in _words(line, separator))
-    rows = [_words(line, separator, decimal_comma) for line in lines]
+    decimal_comma = separator != "," and any("," in line for line in lines)
+    rows = [row for line in lines if (row := _numbers(line, separator, decimal_comma))]
     widths = [len(row) for row in rows]
     width = max(set(widths), key=widths.count, default=0)
-    numbers = [[_CELL.match(word) for word in row] for row in rows if len(row) == width]
-    good = [[cell[1] for cell in row if cell] for row in numbers if all(cell and cell[1] for cell in row)]
     # A leading word was removed from the rows.
-    header = header[1:] if header and len(header) == width + 1 else header
-    roles = names_of(header) if header and len(header) == width else ["-"] * width
-    named = {*FORCE} <= set(roles)
-    if len(good) < (1 if named else _LOCK_LINES) or width < 3:
-        return None
-    table = np.array(good, float)
-    roles = roles if named else roles_of_values(table, roles)
-    if not {*FORCE} <= set(roles):
-        return None
-    units = [unit.replace("ms2", "m/s2") for role, unit in map(_role_of, header or ()) if role in FORCE]
-    force = table[:, [roles.index(role) for role in FORCE]]
-    by_length = _unit_of_length(float(np.median(np.linalg.norm(force, axis=1))))
-    unit = next((unit for unit in units if unit in UNITS_PER_G), by_length)
-    return None if unit is None else LineColumns(tuple(roles), unit, separator, decimal_comma, checked)
-
-
-def roles_of_values(table: Floats, roles: list[str]) -> list[str]:
-    """Quantities from the numbers: the first triple of one g is the force, a triple after it the rate."""
-    roles, width, steps = list(roles), table.shape[1], np.diff(table, axis=0)
-    # A column that only rises is a time or a counter: by steady steps, or over many lines.
+    header = header[1:] if len(header) == width + 1 else header
+    columns, unit = given[0] or tuple(names_of(header)), given[1]
+    table = np.array([row for row in rows if len(row) == width and np.isfinite(row).all()])
+    if not len(table) or width < 3:
+        return None, ""
+    if len(columns) == width and {*FORCE} <= {*columns}:
+        units = [unit, *(of.replace("ms2", "m/s2") for role, of in map(_role_of, header) if role in FORCE)]
+        by_length = _unit_by_length(table[:, [columns.index(role) for role in FORCE]])
+        unit = next((unit for unit in units if unit in UNITS_PER_G), by_length)
+        words = f"the unit of the specific force is not known: give --unit ({', '.join(UNITS_PER_G)})"
+        return (LineColumns(columns, unit, separator, decimal_comma, checked), "") if unit else (None, words)
+    steps = np.diff(table, axis=0)
     rising = (steps > 0).all(axis=0)
-    surely = rising & ((np.ptp(steps, axis=0) == 0) | (len(steps) >= _SURELY_RISING))
-    for first in range(width - 2):
-        triple = slice(first, first + 3)
-        if _unit_of_length(float(np.median(np.linalg.norm(table[:, triple], axis=1)))) and not surely[triple].any():
-            roles[triple] = FORCE
-            if first + 6 <= width:
-                roles[first + 3 : first + 6] = RATE
-            break
-    for at in np.flatnonzero(rising).tolist():
-        if roles[at] == "-":
-            roles[at] = "counter" if (steps[:, at] == 1).all() and "counter" not in roles else "time"
-    if roles[-1] == "-" and "az" in roles and -40 < float(np.median(table[:, -1])) < 125:
-        roles[-1] = "t"
-    return roles
+    for first in range(width - 2) if len(table) >= _FEWEST_LINES else ():
+        # A column that only rises is a time or a counter.
+        by_length = unit or _unit_by_length(table[:, first : first + 3])
+        if by_length and not rising[first : first + 3].any():
+            names = np.where((steps == 1).all(axis=0), "counter", np.where(rising, "time", "-")).tolist()
+            triads = FORCE + RATE if first + 6 <= width else FORCE
+            names[first : first + len(triads)] = triads
+            return None, (
+                f"lines of {width} numbers without names: give --columns {','.join(names)} --unit '{by_length}' (proposed "
+                "from the values, check them), or port.columns and port.unit in the plan of a capture"
+            )
+    return None, ""
 
 
 def looks_numeric(line: bytes) -> bool:
@@ -165,12 +151,12 @@ def looks_numeric(line: bytes) -> bool:
     return len(re.findall(r"[+-]?\d+(?:\.\d*)?", text)) >= 3 and len(re.findall(r"[A-Za-z]{2,}", text)) <= 1
 
 
-def header_words(line: bytes) -> list[str] | None:
-    """The names in a header line; None for a line without the three specific forces."""
+def header_words(line: bytes) -> list[str]:
+    """The names in a header line; empty for a line without the three specific forces."""
     text = line.decode("ascii", "replace").strip()
     if not re.search(r"[A-Za-z]", text) or 3 * text.count("\ufffd") > len(text) or looks_numeric(line):
-        return None
+        return []
     separator = separator_of([text])
     words = text.split() if separator == " " else [word.strip() for word in text.split(separator)]
     words = words[1:] if words[0].upper() == "LABEL" else words
-    return words if {*FORCE} <= set(names_of(words)) else None
+    return words if {*FORCE} <= set(names_of(words)) else []

@@ -7,13 +7,14 @@ Sensor set 0x80: 0x04 scaled acceleration in g, 0x05 angular rate in rad/s.
 import numpy as np
 
 from tumblecal.capture.decoding.checks import ends_with
-from tumblecal.capture.decoding.fields import Field, Layout, frames_of, reading
+from tumblecal.capture.decoding.fields import RADIANS, Field, Layout, frames_of, reading
 from tumblecal.capture.decoding.framing import FrameDecoder, Frames
 from tumblecal.capture.decoding.samples import Bytes, Samples, Settings
 from tumblecal.capture.protocols import Protocol
 
 
-_SENSOR_SET, _FORCE, _RATE, _VECTOR_FIELD = 0x80, 0x04, 0x05, 14
+# Fields of the sensor set, by their length and descriptor.
+_SENSOR_SET, _FIELDS = 0x80, {b"\x0e\x04": Field("force", "3>f4"), b"\x0e\x05": Field("rate", "3>f4", RADIANS)}
 
 
 def _check(rows: Bytes) -> Bytes:
@@ -31,26 +32,22 @@ _PACKETS = Frames(
 
 
 def _layout(packet: bytes) -> Layout:
-    fields, describing, at = dict[str, Field](), [2], 4
-    stop = len(packet) - 2
+    fields, describing, at, stop = dict[Field, int](), [2], 4, len(packet) - 2
     while at + 2 <= stop and packet[2] == _SENSOR_SET:
         describing += [at, at + 1]
         if packet[at] < 2 or at + packet[at] > stop:
             break
-        if packet[at] == _VECTOR_FIELD and packet[at + 1] == _FORCE:
-            fields["force"] = Field(at + 2, "3>f4")
-        elif packet[at] == _VECTOR_FIELD and packet[at + 1] == _RATE:
-            fields["rate"] = Field(at + 2, "3>f4", np.degrees)
+        if field := _FIELDS.get(packet[at : at + 2]):
+            fields[field] = at + 2
         at += packet[at]
     return Layout(fields, describing)
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:
     """Packets with acceleration and angular rate."""
-    rate = np.radians(np.nan_to_num(samples.rate)).astype(">f4")
-    head = bytes([0x75, 0x65, _SENSOR_SET, 2 * _VECTOR_FIELD, _VECTOR_FIELD, _FORCE])
-    rows = frames_of(len(samples), head, samples.force.astype(">f4"), bytes([_VECTOR_FIELD, _RATE]), rate)
-    return np.hstack([rows, _check(rows)]).tobytes()
+    parts = (part for head_and_field in _FIELDS.items() for part in head_and_field)
+    rows = frames_of(samples, bytes([0x75, 0x65, _SENSOR_SET, 28]), *parts)
+    return frames_of(samples, rows, _check(rows)).tobytes()
 
 
 PROTOCOL = Protocol(

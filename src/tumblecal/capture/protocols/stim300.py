@@ -7,7 +7,7 @@ the specific force is NaN.
 import numpy as np
 
 from tumblecal.capture.decoding.checks import ends_with
-from tumblecal.capture.decoding.fields import Field, filled, frames_of, in_order
+from tumblecal.capture.decoding.fields import Field, Unit, filled, frames_of, in_order
 from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames, Reading, rows_of
 from tumblecal.capture.decoding.samples import Bytes, Event, Floats, Integers, Samples, Settings, Status
 from tumblecal.capture.protocols import DeviceCounter, Protocol
@@ -49,23 +49,37 @@ def _words24(raw: Bytes) -> Integers:
     return np.ndarray((len(raw), 3), ">i4", raw, strides=(10, 3)) >> 8
 
 
-def _fields(places: dict[str, int]) -> dict[str, Field]:
-    """The fields of a normal frame; the specific force as the device sends it."""
-    at_status = [places[cluster] + 9 for cluster in "ga" if cluster in places]
-    status = np.dtype({"names": ["g", "a"][: len(at_status)], "formats": ["u1"] * len(at_status), "offsets": at_status})
-    fields = {
-        "rate": Field(places["g"], "10u1", lambda raw: _words24(raw) * 2.0**-_RATE_BITS),
-        "counter": Field(places["counter"], "u1"),
-        "status": Field(0, status, lambda words: _FLAGS[words["g"] | words[words.dtype.names[-1]]]),
-    }
-    if "a" in places:
-        fields["force"] = Field(places["a"], "10u1", _words24)
-    if "a temperature" in places:
-        fields["temperature"] = Field(places["a temperature"], "3>i2", lambda words: words.mean(axis=1) / 256.0)
-    return fields
+def _bytes24(values: Floats) -> Bytes:
+    """The inverse, with a status byte of zero."""
+    words = np.clip(np.rint(values), -(2**23), 2**23 - 1).astype(">i4")[:, :, None]
+    return np.pad(words.view(np.uint8)[:, :, 1:].reshape(-1, 9), ((0, 0), (0, 1)))
 
 
-_FIELDS = {identifier: _fields(places) for identifier, places in PLACES.items()}
+# Fields of the parts of a normal frame; the specific force as the device sends it.
+_FIELDS = {
+    "g": Field(
+        "rate",
+        "10u1",
+        Unit(lambda raw: _words24(raw) * 2.0**-_RATE_BITS, lambda dps: _bytes24(dps * 2.0**_RATE_BITS)),
+    ),
+    "a": Field("force", "10u1", Unit(_words24, _bytes24)),
+    "a temperature": Field(
+        "temperature",
+        "3>i2",
+        Unit(lambda words: words.mean(axis=1) / 256.0, lambda degc: (degc * 256)[:, None].repeat(3, axis=1)),
+    ),
+    "counter": Field("counter", "u1"),
+}
+
+
+def _normal(data: Bytes, starts: Integers, places: dict[str, int]) -> Samples:
+    """The samples of normal frames of one kind."""
+    rows = rows_of(data, starts, places["size"])
+    samples = filled(rows, {field: places[name] for name, field in _FIELDS.items() if name in places})
+    samples.stop[:] = starts + places["size"]
+    for cluster in {"g", "a"} & {*places}:
+        samples.status[:] |= _FLAGS[rows[:, places[cluster] + 9]]
+    return samples
 
 
 def _reading(settings: Settings | None) -> Reading:
@@ -102,13 +116,10 @@ def _reading(settings: Settings | None) -> Reading:
     def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         nonlocal settings
         identifiers = data[found.starts]
-        parts, events, scaled = list[Samples](), list[Event](), 0
-        for identifier in np.unique(identifiers).tolist():
-            if identifier in PLACES:
-                starts, size = found.starts[identifiers == identifier], PLACES[identifier]["size"]
-                parts.append(filled(rows_of(data, starts, size), _FIELDS[identifier]))
-                parts[-1].stop[:] = starts + size + offset
-        samples = in_order(parts)
+        events, scaled = list[Event](), 0
+        normal = [identifier for identifier in np.unique(identifiers).tolist() if identifier in PLACES]
+        samples = in_order([_normal(data, found.starts[identifiers == kind], PLACES[kind]) for kind in normal])
+        samples.stop[:] += offset
         for k in np.flatnonzero(np.isin(identifiers, list(KIND_OF))).tolist():
             stop, kind = int(found.starts[k] + found.sizes[k]), KIND_OF[int(identifiers[k])]
             event = Event(stop + offset, kind, special_content(kind, data[found.starts[k] : stop].tobytes()))
@@ -134,29 +145,20 @@ def encode(samples: Samples, settings: Settings, identifier: int | None = None, 
     - `crlf`: CR LF after every frame.
     """
     identifier = identifier or (0xA7 if settings.temperatures else 0x93)
-    n, places = len(samples), PLACES[identifier]
-    flags = [np.where(samples.status & flag, bits & 0xF0, 0) for flag, bits in _STATUS_BITS.items()]
-    with_status = "a" if "a" in places else "g"
-
-    def cluster(name: str, values: Floats) -> Bytes:
-        words = np.clip(np.rint(values), -(2**23), 2**23 - 1).astype(">i4")
-        status = np.bitwise_or.reduce(flags) * (name == with_status)
-        return frames_of(n, words[:, :, None].view(np.uint8)[:, :, 1:], status.astype(np.uint8))
-
-    degc = np.rint(np.nan_to_num(samples.temperature) * 256)
-    temperatures = frames_of(n, *[np.clip(degc, -(2**15), 2**15 - 1).astype(">i2")] * 3, b"\0")
-    force = samples.force
-    scale = np.array([2.0 ** _FRACTION_BITS[range_g] for range_g in settings.range_g or (10.0,) * 3])
+    places, sent = PLACES[identifier], samples.copy()
+    sent.force[:] *= [2.0 ** _FRACTION_BITS[range_g] for range_g in settings.range_g or (10.0,) * 3]
+    temperatures = frames_of(samples, _FIELDS["a temperature"], b"\0")
     parts = {
-        "g": cluster("g", np.nan_to_num(samples.rate) * 2.0**_RATE_BITS),
-        "a": cluster("a", force * scale),
-        "i": cluster("i", np.clip(np.nan_to_num(force), -1.7, 1.7) * 2.0**_INCLINATION_BITS),
+        "g": _FIELDS["g"],
+        "a": _FIELDS["a"],
+        "i": _bytes24(np.clip(np.nan_to_num(samples.force), -1.7, 1.7) * 2.0**_INCLINATION_BITS),
         "extra": bytes(4),
-        "counter": frames_of(n, (samples.counter % 256).astype(np.uint8), _LATENCY_US.to_bytes(2, "big")),
+        "counter": frames_of(samples, _FIELDS["counter"], _LATENCY_US.to_bytes(2, "big")),
     }
-    content = [parts.get(name, temperatures) for name in places if name != "size"]
-    rows = frames_of(n, bytes([identifier]), *content)
-    return frames_of(n, rows, check(rows), CRLF * crlf).tobytes()
+    rows = frames_of(sent, bytes([identifier]), *(parts.get(name, temperatures) for name in places if name != "size"))
+    for flag, bits in _STATUS_BITS.items():
+        rows[:, places["a" if "a" in places else "g"] + 9] |= ((samples.status & flag) > 0) * np.uint8(bits & 0xF0)
+    return frames_of(samples, rows, check(rows), CRLF * crlf).tobytes()
 
 
 PROTOCOL = Protocol(

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tumblecal.capture.decoding.checks import crc32_mpeg2
-from tumblecal.capture.decoding.fields import frames_of
 from tumblecal.capture.decoding.samples import Bytes, Settings
 
 
@@ -96,8 +95,8 @@ def settings_of(content: dict[str, Any]) -> Settings:
 def encode_special(kind: str, body: bytes) -> bytes:
     """A special frame: `body` fills the bytes after the identifier, followed by zeros."""
     identifier, _, size = SPECIALS[kind]
-    row = frames_of(1, bytes([identifier]) + body.ljust(size - 5, b"\0"))
-    return row.tobytes() + check(row).tobytes()
+    row = bytes([identifier]) + body.ljust(size - 5, b"\0")
+    return row + check(np.frombuffer(row, np.uint8)[None]).tobytes()
 
 
 def encode_configuration(settings: Settings) -> bytes:
@@ -121,8 +120,4 @@ def answer(command: bytes, settings: Settings, serial: str) -> bytes:
             return encode_special("part_number", bytes.fromhex("8516710000002600 0100"))
         case b"C":
             return encode_configuration(settings)
-        case b"E":
-            return encode_special("error", b"")
-        case b"T":
-            return encode_special("bias_trim", b"")
     return b""

@@ -5,17 +5,17 @@ word of fields a group, the payload little-endian, and the CRC-16 big-endian. VN
 fields are suitable for calibration.
 """
 
+import re
 from functools import lru_cache
 from struct import unpack_from
 
 import numpy as np
 
 from tumblecal.capture.decoding.checks import crc16_xmodem, exclusive_or
-from tumblecal.capture.decoding.fields import Field, Layout, frames_of, in_order, reading
+from tumblecal.capture.decoding.fields import MS2, RADIANS, Field, Layout, Unit, frames_of, in_order, reading
 from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames
-from tumblecal.capture.decoding.samples import Bytes, Event, Integers, Samples, Settings, blank, not_a_number
+from tumblecal.capture.decoding.samples import Bytes, Event, Integers, Samples, Settings, samples_of
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 _LONGEST_LINE = 256
@@ -30,12 +30,12 @@ FIELD_SIZES: dict[int, tuple[int, ...]] = {
     5: (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
     6: _SATELLITES,
 }
-# Numbers of each quantity, their conversion, and the fields that have it, the preferred first: group, bit, place in the field.
+# The fields of each quantity, the preferred first: group, bit, place in the field.
 _FIELDS = {
-    "force": ("3<f4", lambda ms2: ms2 / STANDARD_GRAVITY_MS2, ((2, 2, 0), (0, 9, 0), (2, 9, 0), (0, 8, 0))),
-    "rate": ("3<f4", np.degrees, ((2, 3, 0), (0, 9, 12), (2, 10, 0), (0, 5, 0))),
-    "temperature": ("<f4", np.asarray, ((2, 4, 0),)),
-    "counter": ("<u8", lambda ns: ns & (2**62 - 1), ((0, 0, 0),)),
+    Field("force", "3<f4", MS2): ((2, 2, 0), (0, 9, 0), (2, 9, 0), (0, 8, 0)),
+    Field("rate", "3<f4", RADIANS): ((2, 3, 0), (0, 9, 12), (2, 10, 0), (0, 5, 0)),
+    Field("temperature", "<f4"): ((2, 4, 0),),
+    Field("counter", "<u8", Unit(lambda ns: ns & (2**62 - 1))): ((0, 0, 0),),
 }
 # Columns of the text messages: specific force, angular rate, temperature.
 _LINES: dict[str, tuple[int, ...]] = {
@@ -71,14 +71,18 @@ _REFUSED = {
 _INSTEAD = "not the specific force: set the device's output to VNIMU or to the binary field UncompAccel"
 
 
+def _head(message: bytes) -> bytes:
+    """The byte of groups and the words of their fields."""
+    return message[1 : 2 + 2 * message[1].bit_count()]
+
+
 @lru_cache(maxsize=4096)
 def _binary_places(head: bytes) -> tuple[dict[tuple[int, int], int], int]:
-    """Place of each field after the groups and words `head`, and the message's size: 0 for an unknown or empty group."""
-    groups = head[0]
-    words, at = iter(unpack_from(f"<{groups.bit_count()}H", head, 1)), 2 + 2 * groups.bit_count()
-    places = dict[tuple[int, int], int]()
+    """Place of each field in a message, and the message's size: 0 for an unknown or empty group."""
+    places, at = dict[tuple[int, int], int](), 1 + len(head)
+    words = iter(unpack_from(f"<{head[0].bit_count()}H", head, 1))
     for group in range(8):
-        if groups >> group & 1:
+        if head[0] >> group & 1:
             word, sizes = next(words), FIELD_SIZES.get(group, ())
             if not 0 < word < 1 << len(sizes):
                 return {}, 0
@@ -88,30 +92,21 @@ def _binary_places(head: bytes) -> tuple[dict[tuple[int, int], int], int]:
     return places, at + 2
 
 
-def _head(message: bytes) -> bytes:
-    return message[1 : 2 + 2 * message[1].bit_count()]
-
-
 def _binary_size(data: bytes) -> int:
-    head = _head(data)
-    size = 1 + 2 * data[1].bit_count()
-    return _binary_places(head)[1] if len(head) == size else size + 1
+    """Size of the message, or of its head if that is incomplete."""
+    size = 2 + 2 * data[1].bit_count()
+    return _binary_places(_head(data))[1] if len(data) >= size else size
 
 
 def _line_size(data: bytes) -> int:
     """Size of the line; 0 if it is too long, and a size beyond the end of the data if it is incomplete."""
-    end = data.find(b"\n") + 1
-    return end or (_LONGEST_LINE if len(data) < _LONGEST_LINE else 0)
+    return data.find(b"\n") + 1 or _LONGEST_LINE * (len(data) < _LONGEST_LINE)
 
 
 def _line_intact(line: bytes) -> bool:
     """Whether `$...*CC` has the correct check, of two or of four digits."""
-    body, star, check = line.rstrip(b"\r\n")[1:].rpartition(b"*")
-    try:
-        value = int(check, 16)
-    except ValueError:
-        return False
-    return bool(star) and {2: exclusive_or, 4: crc16_xmodem}.get(len(check), lambda body: -1)(body) == value
+    parts = re.fullmatch(rb"\$(.*)\*([0-9A-Fa-f]{2}|[0-9A-Fa-f]{4})\s*", line, re.DOTALL)
+    return parts is not None and (exclusive_or, crc16_xmodem)[len(parts[2]) > 2](parts[1]) == int(parts[2], 16)
 
 
 def _frames(sync: tuple[bytes, ...], header: int, size_of, is_intact, longest: int) -> Frames:
@@ -129,33 +124,29 @@ _TEXT = _frames((b"$", b"V", b"N"), 3, _line_size, _line_intact, _LONGEST_LINE)
 
 def _layout(message: bytes) -> Layout:
     places, _ = _binary_places(_head(message))
-    fields = dict[str, Field]()
-    for quantity, (kind, scaled, names) in _FIELDS.items():
-        for group, bit, at in names:
-            if (group, bit) in places and quantity not in fields:
-                fields[quantity] = Field(places[group, bit] + at, kind, scaled)
+    fields = dict[Field, int]()
+    for field, names in _FIELDS.items():
+        for group, bit, at in reversed(names):
+            if (group, bit) in places:
+                fields[field] = places[group, bit] + at
     why = next((f"a binary message has {why}, {_INSTEAD}" for name, why in _REFUSED.items() if name in places), "")
     return Layout(fields, list(range(1, 1 + len(_head(message)))), why)
 
 
-def _row(text: str) -> list[float] | None:
-    """Specific force, rate and temperature in a line, NaN if they are not in it; None for other lines."""
-    name, *words = text[1:].rpartition("*")[0].split(",")
-    if name not in _LINES:
-        return None
-    force, rate, temperature = (*_LINES[name], -1, -1)[:3]
-    while words and words[-1][:1] in ("I", "S", "T", "V"):
-        # The device may add a count, a time or a status after the numbers.
-        words = words[:-1]
+def _row(stop: int, text: str) -> tuple | None:
+    """The values of the sample in a line; None for other lines."""
+    # The device may add a count, a time or a status after the numbers.
+    name, *words = re.sub(r"(,[ISTV][^,]*)*\*\w*$", "", text[1:]).split(",")
     try:
-        values = [float(word) for word in words]
+        values = np.array(words, float)
     except ValueError:
         return None
+    force, rate, temperature = (*_LINES.get(name, (len(values),)), 0, 0)[:3]
     if len(values) < max(force, rate) + 3:
         return None
-    rates = [np.nan] * 3 if rate < 0 else values[rate : rate + 3]
-    degc = values[temperature] if 0 <= temperature < len(values) else np.nan
-    return [*values[force : force + 3], *rates, degc]
+    rates = values[rate : rate + 3] if rate else np.nan
+    degc = values[temperature] if 0 < temperature < len(values) else np.nan
+    return stop, MS2.read(values[force : force + 3]), RADIANS.read(rates), degc, -1, 0, np.nan
 
 
 def _event(stop: int, text: str) -> Event:
@@ -169,35 +160,21 @@ def _event(stop: int, text: str) -> Event:
 def _read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
     """One sample a line or message with a specific force; other lines become events."""
     binary = data[found.starts] == 0xFA
-    samples, events = reading(_layout)(
-        data, Found(found.starts[binary], found.sizes[binary], found.limit), offset, final
-    )
-    rows, stops = [], []
+    samples, events = reading(_layout)(data, Found(found.starts[binary], found.sizes[binary], 0), offset, final)
+    rows = list[tuple]()
     for start, size in zip(found.starts[~binary].tolist(), found.sizes[~binary].tolist(), strict=True):
         text = data[start : start + size].tobytes().decode("ascii", "replace").strip()
-        row = _row(text)
-        if row is None:
-            events.append(_event(start + size + offset, text))
-        else:
+        if row := _row(start + size + offset, text):
             rows.append(row)
-            stops.append(start + size + offset)
-    lines, table = blank(len(rows)), np.array(rows).reshape(-1, 7)
-    lines.stop[:], lines.temperature[:] = stops, table[:, 6]
-    lines.force[:], lines.rate[:] = table[:, :3] / STANDARD_GRAVITY_MS2, np.degrees(table[:, 3:6])
-    lines.status[:] = not_a_number(lines.force)
-    return in_order([samples, lines]), sorted(events, key=lambda event: event.stop)
+        else:
+            events.append(_event(start + size + offset, text))
+    return in_order([samples, samples_of(rows)]), sorted(events, key=lambda event: event.stop)
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:
     """Binary messages with time since start-up (the samples' `counter`, in ns), raw force, raw rate, temperature."""
-    rows = frames_of(
-        len(samples),
-        bytes([0x05, 0x01, 0x00, 0b11100, 0x00]),
-        samples.counter.astype("<u8"),
-        (samples.force * STANDARD_GRAVITY_MS2).astype("<f4"),
-        np.radians(np.nan_to_num(samples.rate)).astype("<f4"),
-        np.nan_to_num(samples.temperature).astype("<f4"),
-    )
+    force, rate, temperature, counter = _FIELDS
+    rows = frames_of(samples, bytes([0x05, 0x01, 0x00, 0b11100, 0x00]), counter, force, rate, temperature)
     return b"".join(b"\xfa" + row.tobytes() + crc16_xmodem(row.tobytes()).to_bytes(2, "big") for row in rows)
 
 

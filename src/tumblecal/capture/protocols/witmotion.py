@@ -8,15 +8,16 @@ register was changed) is not in the stream.
 import numpy as np
 
 from tumblecal.capture.decoding.checks import byte_sum, ends_with
-from tumblecal.capture.decoding.fields import Field, filled, frames_of
-from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames, Reading, column, rows_of
-from tumblecal.capture.decoding.samples import Bytes, Event, Floats, Samples, Settings, blank, joined
+from tumblecal.capture.decoding.fields import Field, Unit, filled, frames_of, scaled
+from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames, Reading, rows_of
+from tumblecal.capture.decoding.samples import Bytes, Event, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import Protocol
 
 
 SIZE = 11
 _FORCE, _RATE = 0x51, 0x52
-_DPS_PER_UNIT = 2000 / 32768
+_RATE_FIELD = Field("rate", "3<i2", scaled(2000 / 32768))
+_TEMPERATURE = Field("temperature", "<i2", Unit(lambda words: words / 100.0, lambda degc: degc * 100))
 
 
 def _check(rows: Bytes) -> Bytes:
@@ -31,31 +32,25 @@ _FRAMES = Frames(
 )
 
 
-def _scale(settings: Settings | None) -> Floats:
-    return np.array((settings and settings.range_g) or (16.0,) * 3) / 32768
+def _force_field(settings: Settings | None) -> Field:
+    return Field("force", "3<i2", scaled(np.array((settings and settings.range_g) or (16.0,) * 3) / 32768))
 
 
 def _reading(settings: Settings | None) -> Reading:
     """Reads one sample a force frame, with the rate of the same burst if there is one."""
-    fields = {
-        "force": Field(2, "3<i2", lambda words: words * _scale(settings)),
-        "temperature": Field(8, "<i2", lambda words: words / 100.0),
-    }
     waiting = blank(0)
 
     def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         nonlocal waiting
-        kinds = data[found.starts + 1]
-        starts = found.starts[kinds == _FORCE]
-        fresh = filled(rows_of(data, starts, SIZE), fields)
-        fresh.stop[:] = starts + SIZE + offset
+        forces, rates = (found.starts[data[found.starts + 1] == kind] for kind in (_FORCE, _RATE))
+        fresh = filled(rows_of(data, forces, SIZE), {_force_field(settings): 2, _TEMPERATURE: 8})
+        fresh.stop[:] = forces + SIZE + offset
         samples = joined([waiting, fresh])
         # The rate directly follows the force of its burst; a rate before any force belongs to none.
-        rates = found.starts[kinds == _RATE]
         owner = np.searchsorted(samples.stop, rates + offset, "right") - 1
         rates, owner = rates[owner >= 0], owner[owner >= 0]
         belongs = rates + offset - samples.stop[owner] < 2 * SIZE
-        samples.rate[owner[belongs]] = column(data, rates[belongs], 2, "<i2", 3) * _DPS_PER_UNIT
+        samples.rate[owner[belongs]] = filled(rows_of(data, rates[belongs], SIZE), {_RATE_FIELD: 2}).rate
         # The last sample waits for its rate.
         complete = len(samples) if final else max(len(samples) - 1, 0)
         waiting = samples[complete:]
@@ -66,16 +61,11 @@ def _reading(settings: Settings | None) -> Reading:
 
 def encode(samples: Samples, settings: Settings) -> bytes:
     """Bursts of a force and a rate frame."""
-    temperature = np.nan_to_num(samples.temperature)[:, None] * 100
     bursts = []
-    for kind, words in (
-        (_FORCE, samples.force / _scale(settings)),
-        (_RATE, np.nan_to_num(samples.rate) / _DPS_PER_UNIT),
-    ):
-        words = np.clip(np.rint(np.hstack([words, temperature])), -32768, 32767).astype("<i2")
-        rows = frames_of(len(samples), bytes([0x55, kind]), words)
+    for kind, field in ((_FORCE, _force_field(settings)), (_RATE, _RATE_FIELD)):
+        rows = frames_of(samples, bytes([0x55, kind]), field, _TEMPERATURE)
         bursts += [rows, _check(rows)]
-    return np.hstack(bursts).tobytes()
+    return frames_of(samples, *bursts).tobytes()
 
 
 PROTOCOL = Protocol(

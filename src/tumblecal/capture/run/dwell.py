@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import LimitsTable
 from tumblecal.capture.decoding.losses import Losses, count_losses, losses_from_time
-from tumblecal.capture.decoding.samples import Samples, Status
+from tumblecal.capture.decoding.samples import Samples
 from tumblecal.capture.port.live import Arrived, collected
 from tumblecal.capture.protocols import Protocol
 from tumblecal.capture.run.rest import Blocks
@@ -113,12 +113,10 @@ def losses_of(
     """Losses among the samples of `attempt`, by the counter if there is one, otherwise by time; the others are context."""
     counter, inside = protocol.counter, slice(attempt.start, attempt.stop)
     if counter is None or not len(samples) or samples.counter[0] < 0:
-        return losses_from_time(host_s[inside], None).by_device(samples.clock[inside], host_s[inside])
+        return losses_from_time(host_s[inside]).by_device(samples.clock[inside], host_s[inside])
     step = max(1, round(counter.ticks_per_s / rate_hz)) if counter.ticks_per_s is not None and rate_hz else None
     specials = np.searchsorted(samples.stop, np.array(special_stops, np.int64)) - 1
-    starting = (samples.status & Status.STARTING) != 0
-    restarts = np.flatnonzero(~starting[:-1] & starting[1:])
-    found = count_losses(samples.counter, host_s, counter.modulus, step, specials, restarts, samples.content)
+    found = count_losses(samples, host_s, counter.modulus, step, specials)
     found = found.by_device(samples.clock, host_s)
     gaps = [gap for gap in found.gaps if attempt.start <= gap.after < attempt.stop - 1]
     return replace(found, lost=sum(g.lost for g in gaps), unresolved=sum(not g.resolved for g in gaps), gaps=gaps)

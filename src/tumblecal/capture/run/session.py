@@ -62,7 +62,8 @@ def capture(
             recording = Recording(run.folder / RAW_NAME, port.url, port.baud or spoken.bauds[0])
             ends.callback(recording.stop)
             settings = settings_of_run(journal.state, plan, spoken)
-            stream = LiveStream(recording, spoken, settings, spoken.decoder_options(port.columns, port.unit))
+            options = spoken.decoder_options(*journal.state.text_columns(port.columns, port.unit))
+            stream = LiveStream(recording, spoken, settings, options)
             contact = Contact(run, stream, trust=trust)
             contact.meet(signals.pause)
             if plan.over_temperature:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.fields import reading
 from tumblecal.capture.decoding.framing import Found, find
-from tumblecal.capture.decoding.sample_table import columns_of, table_of
+from tumblecal.capture.decoding.sample_table import known_columns, table_of
 from tumblecal.capture.decoding.samples import Samples, joined
 from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages
 from tumblecal.ground.counted import counted
@@ -73,8 +73,8 @@ def _messages(data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.in
 
 
 def _columns(samples: Samples, good: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
-    columns = table_of(samples[good], columns_of(samples[good]))
-    del columns["counter"], columns["status"]
+    table = table_of(samples[good])
+    columns = {name: table[name] for name in table if name in known_columns(table) - {"counter", "status"}}
     if not np.isfinite(samples.clock).all():
         return columns
     # The counter of 32 bits overflows after five days.
