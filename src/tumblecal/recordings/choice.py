@@ -8,24 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.data.column_names import STATES, Name, parsed
+from tumblecal.data.column_names import FORCE, RATE, STATES, Name, parsed
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
-from tumblecal.recordings.columns import COLUMNS_OPTION
-from tumblecal.recordings.units import PER_G, may_be_gravity, signed_words, size_of
+from tumblecal.recordings.columns import COLUMNS_OPTION, Column
+from tumblecal.recordings.guesses import question
+from tumblecal.recordings.sizes import PER_G, may_be_gravity, size_of
 
 
 # Lengths that change less are computed (a unit vector); sizes below this share of gravity have none.
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
-_MOST_SHOWN = 4
-_MOST_COLUMNS = 40
+_MOST_SHOWN, _MOST_COLUMNS = 4, 40
 
 
 @dataclass(frozen=True)
 class Triple:
     """Three columns for the axes x, y, z, the meaning of their names, and size, changes and dispersion by `size_of`."""
 
-    columns: tuple[str, str, str]
+    columns: tuple[str, ...]
     name: Name
     size: float
     changes: float
@@ -36,13 +36,13 @@ class Triple:
         """Whether the readings may have the size of gravity, with offsets and noise."""
         return self.changes > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
 
-    @property
-    def without_gravity(self) -> bool:
-        """Whether gravity was removed from the readings: they are near zero in their unit, or in any usual unit."""
-        return self.size < _LEAST_GRAVITY * PER_G.get(self.name.unit, 1.0)
-
-    def __str__(self) -> str:
-        return ", ".join(self.columns)
+    def option(self, columns: Sequence[str], more: str = "") -> str:
+        """The option that selects it, by number if a name needs quotation marks, and its size."""
+        names = self.columns
+        if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in names):
+            names = tuple(str(columns.index(name) + 1) for name in names)
+        axes = ",".join(f"{axis}={name}" for axis, name in zip(FORCE, names, strict=True))
+        return f"--columns {shlex.quote(axes)}{more} (size {self.size:.4g})"
 
 
 Readings = Callable[[Sequence[str]], NDArray[np.float64]]
@@ -62,15 +62,14 @@ def triples_of(columns: Sequence[str], readings: Readings) -> list[Triple]:
             groups.setdefault((name.quantity, name.stem, name.axis.isdecimal()), {}).setdefault(name.axis, column)
     found = []
     for group in groups.values():
-        for axes in ("xyz", "012", "123"):
-            if {*group} == {*axes}:
-                three = (group[axes[0]], group[axes[1]], group[axes[2]])
-                found.append(Triple(three, parsed(three[0]), *size_of(readings(three))))
+        if (axes := "".join(sorted(group))) in ("xyz", "012", "123"):
+            three = tuple(group[axis] for axis in axes)
+            found.append(Triple(three, parsed(three[0]), *size_of(readings(three))))
     return sorted(found, key=lambda triple: columns.index(triple.columns[0]))
 
 
-def chosen(columns: Sequence[str], readings: Readings, path: str) -> tuple[Triple, Triple | None, list[str]]:
-    """The accelerations with gravity, the angular rates of the same sensor, and notes on the choice.
+def chosen(columns: Sequence[str], readings: Readings, notes: list[str], path: str) -> dict[str, Column]:
+    """The accelerations with gravity, and the angular rates of the same sensor; `notes` gets the alternatives.
 
     Of several triples of one sensor, the least processed one with the size of gravity is used.
 
@@ -79,93 +78,66 @@ def chosen(columns: Sequence[str], readings: Readings, path: str) -> tuple[Tripl
     triples = triples_of(columns, readings)
     named = [triple for triple in triples if triple.name.quantity == "acceleration"]
     axes_only = [triple for triple in triples if triple.name.quantity in ("", "letter")]
-    candidates = [triple for triple in named or axes_only if triple.with_gravity]
-    body = [triple for triple in candidates if triple.name.state not in ("free", "world")]
-    if len(named) == 1 and named[0].name.state in ("raw", "", "processed") and not named[0].without_gravity:
-        body = named
+    body = [one for one in named or axes_only if one.with_gravity and one.name.state not in ("free", "world")]
+    if len(named) == 1 and named[0].name.state in ("raw", "", "processed"):
+        # Readings far from the size of gravity may be of any unit, but not without gravity.
+        with_gravity = not named[0].size < _LEAST_GRAVITY * PER_G.get(named[0].name.unit, 1.0)
+        body = named if with_gravity else body
     if len({triple.name.sensor for triple in body}) != 1 or (not named and len(body) > 1):
-        _ask(columns, readings, (named, body, axes_only), path)
+        raise _question(columns, readings, named, body, axes_only, path)
     force = min(body, key=lambda triple: STATES.index(triple.name.state))
-    notes = []
+    names = ", ".join(force.columns)
     if others := [triple for triple in named if triple is not force]:
-        names = "; ".join(map(str, others[:_MOST_SHOWN]))
-        notes.append(f"accelerations: {force}, not {names}; to override: {_option(columns, others[0].columns)}")
+        listed = "; ".join(", ".join(triple.columns) for triple in others[:_MOST_SHOWN])
+        notes.append(f"accelerations: {names}, not {listed}; to override: {others[0].option(columns)}")
     elif not named:
-        notes.append(
-            f"accelerations: {force}, axes by their names, size {force.size:.5g}; to override: {COLUMNS_OPTION}"
-        )
-    return force, _rate(triples, force), notes
-
-
-def _rate(triples: Sequence[Triple], force: Triple) -> Triple | None:
-    """The rates with most words in common with the accelerations, the least processed."""
-    rates = [triple for triple in triples if triple.name.quantity == "rate"] or [
-        triple
-        for triple in triples
-        if triple.name.quantity == "letter" and triple.name.stem[:1] == ("g",) and triple is not force
+        notes.append(f"accelerations: {names}, axes by their names, size {force.size:.5g}; to override: {COLUMNS_OPTION}")
+    rates = [one for one in triples if one.name.quantity == "rate"] or [
+        one for one in triples if one.name.quantity == "letter" and one.name.stem[:1] == ("g",) and one is not force
     ]
-    common = {triple: len({*triple.name.stem} & {*force.name.stem}) for triple in rates}
-    return min(rates, key=lambda triple: (-common[triple], STATES.index(triple.name.state)), default=None)
+    # The rates with most words in common with the accelerations, the least processed.
+    common = {one: len({*one.name.stem} & {*force.name.stem}) for one in rates}
+    rates.sort(key=lambda one: (-common[one], STATES.index(one.name.state)))
+    found = dict(zip((*FORCE, *RATE), [*force.columns, *(rates[0].columns if rates else ())], strict=False))
+    return {role: Column(name, parsed(name).unit, "name") for role, name in found.items()}
 
 
-def _ask(
-    columns: Sequence[str], readings: Readings, found: tuple[list[Triple], list[Triple], list[Triple]], path: str
-) -> None:
-    """Raise the question which columns are the accelerations, with the options that can be pasted."""
-    named, body, axes_only = found
-    if body:
-        several = "accelerometers" if named else "triples of columns with the size of gravity"
-        _raise(columns, path, f"{len(body)} {several}; choose one", body)
-    if named:
-        if words := signed_words(named[0].columns, readings(named[0].columns)):
-            raise InputError(f"{path}: {words}")
-        of_earth = all(triple.name.state == "world" for triple in named)
-        size = f"without the size of gravity ({named[0].size:.3g})"
-        why = "along axes of the Earth, not of the sensor" if of_earth else size
-        remedy = "no calibration is possible from them. Record the sensor's readings, or use these all the same"
-        _raise(columns, path, f"{named[0]} are accelerations {why}: {remedy}", named)
+def _question(
+    columns: Sequence[str],
+    readings: Readings,
+    named: Sequence[Triple],
+    body: Sequence[Triple],
+    axes_only: Sequence[Triple],
+    path: str,
+) -> InputError:
+    """The question which columns are the accelerations, with the options that can be pasted."""
     single = [column for column in columns if parsed(column).quantity == "acceleration"]
-    if len(single) >= 3:
-        words = f"{', '.join(single)} are accelerations, but not of axes x, y, z; assign the axes"
-        raise InputError(f"{path}: {words}: {_option(columns, single[:3])}")
-    if single:
-        raise InputError(
-            f"{path}: only {', '.join(single)} among the columns {shown(', '.join(columns))}; name the three: {COLUMNS_OPTION}"
-        )
     values = readings(columns[:_MOST_COLUMNS])
-    proposed = axes_only or proposals(columns, values)
-    if not proposed:
-        raise InputError(
-            f"{path}: ax, ay, az not found among the columns {shown(', '.join(columns))}; name them: {COLUMNS_OPTION}"
+    found, more = body or named or axes_only, ""
+    if body:
+        words = f"{len(body)} triples of columns with the size of gravity; choose one"
+    elif named:
+        words = (
+            f"{', '.join(named[0].columns)} are accelerations along axes of the Earth, or without the size of gravity: no "
+            "calibration is possible from them. Record the sensor's readings, or use these all the same"
         )
-    steps = np.diff(values, axis=0)
-    rising = np.flatnonzero((steps > 0).all(0) & ~(steps == 1).all(0)) if len(steps) else np.zeros(0, int)
-    named_time = any(parsed(column).quantity == "time" for column in columns)
-    clock = "" if named_time or axes_only or not len(rising) else f",time={rising[0] + 1}"
-    _raise(columns, path, "the columns' names do not state the accelerations; give them", proposed, clock)
+    elif single:
+        words = f"only {', '.join(single)} among the columns {shown(', '.join(columns))}; name the three"
+    else:
+        words = f"the columns' names do not state the accelerations: {shown(', '.join(columns))}; give them"
+        found = axes_only or proposals(columns, values)
+        rising = np.flatnonzero((np.diff(values, axis=0) > 0).all(0) & (np.diff(values, axis=0) != 1).any(0))
+        if len(rising) and not axes_only and not any(parsed(column).quantity == "time" for column in columns):
+            more = f",time={rising[0] + 1}"
+    return question(path, words, [one.option(columns, more) for one in found[:_MOST_SHOWN]] or [COLUMNS_OPTION])
 
 
 def proposals(columns: Sequence[str], values: NDArray[np.float64]) -> list[Triple]:
     """Neighbouring columns whose values (n, k) may be accelerations, most likely first: constant lengths of about gravity."""
-    varied = [
-        k for k, column in enumerate(values.T) if np.isfinite(column).any() and np.nanmax(column) > np.nanmin(column)
+    falling = (np.diff(values, axis=0) < 0).any(0)
+    found = [
+        Triple(tuple(columns[first : first + 3]), Name(), *size_of(values[:, first : first + 3]))
+        for first in range(values.shape[1] - 2)
+        if falling[first : first + 3].all()
     ]
-    varied = [k for k in varied if (np.diff(values[:, k]) < 0).any()]
-    found = []
-    for first in varied:
-        if {first + 1, first + 2} <= {*varied}:
-            three = (columns[first], columns[first + 1], columns[first + 2])
-            found.append(Triple(three, Name(), *size_of(values[:, first : first + 3])))
     return sorted(found, key=lambda triple: (not triple.with_gravity, triple.dispersion))
-
-
-def _raise(columns: Sequence[str], path: str, words: str, triples: Sequence[Triple], clock: str = "") -> None:
-    options = [f"{_option(columns, one.columns)}{clock} (size {one.size:.4g})" for one in triples[:_MOST_SHOWN]]
-    raise InputError(f"{path}: {words}: {' or '.join(options)}")
-
-
-def _option(columns: Sequence[str], three: Sequence[str]) -> str:
-    """The option that selects three columns, by number if a name needs quotation marks."""
-    if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in three):
-        three = [str(columns.index(name) + 1) for name in three]
-    return f"--columns {shlex.quote(','.join(f'a{axis}={name}' for axis, name in zip('xyz', three, strict=True)))}"
