@@ -1,24 +1,26 @@
 """The columns of accelerations and angular rates, by their names; values check a choice and order proposals."""
 
 import re
-import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.data.column_names import FORCE, RATE, STATES, Name, parsed
-from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.columns import COLUMNS_OPTION, Column
 from tumblecal.recordings.guesses import question
-from tumblecal.recordings.sizes import PER_G, may_be_gravity, size_of
+from tumblecal.recordings.units import PER_G, may_be_gravity, size_of
 
 
 # Lengths that change less are computed (a unit vector); sizes below this share of gravity have none.
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
 _MOST_SHOWN, _MOST_COLUMNS = 4, 40
+_WITHOUT = (
+    "accelerations along axes of the Earth, or without the size of gravity: no calibration is possible from them. Record the "
+    "sensor's readings, or use these all the same"
+)
 
 
 @dataclass(frozen=True)
@@ -36,13 +38,12 @@ class Triple:
         """Whether the readings may have the size of gravity, with offsets and noise."""
         return self.changes > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
 
-    def option(self, columns: Sequence[str], more: str = "") -> str:
-        """The option that selects it, by number if a name needs quotation marks, and its size."""
+    def option(self, columns: Sequence[str]) -> str:
+        """The option that selects it among all columns of a table, by number if a name needs quotation marks."""
         names = self.columns
         if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in names):
             names = tuple(str(columns.index(name) + 1) for name in names)
-        axes = ",".join(f"{axis}={name}" for axis, name in zip(FORCE, names, strict=True))
-        return f"--columns {shlex.quote(axes)}{more} (size {self.size:.4g})"
+        return f"--columns {','.join(f'{axis}={name}' for axis, name in zip(FORCE, names, strict=True))}"
 
 
 Readings = Callable[[Sequence[str]], NDArray[np.float64]]
@@ -68,76 +69,75 @@ def triples_of(columns: Sequence[str], readings: Readings) -> list[Triple]:
     return sorted(found, key=lambda triple: columns.index(triple.columns[0]))
 
 
-def chosen(columns: Sequence[str], readings: Readings, notes: list[str], path: str) -> dict[str, Column]:
-    """The accelerations with gravity, and the angular rates of the same sensor; `notes` gets the alternatives.
+def chosen(
+    columns: Sequence[str], used: Collection[str], readings: Readings, notes: list[str], path: str
+) -> dict[str, Column]:
+    """The accelerations with gravity, and the angular rates of the same sensor.
 
     Of several triples of one sensor, the least processed one with the size of gravity is used.
 
+    **Arguments:**
+
+    - `columns`: of the table, except `used`. `notes`: gets the alternatives.
+
     **Raises:** `InputError` with the candidates and an option for each, if names do not give one triple.
     """
-    triples = triples_of(columns, readings)
-    named = [triple for triple in triples if triple.name.quantity == "acceleration"]
-    axes_only = [triple for triple in triples if triple.name.quantity in ("", "letter")]
+    free = [name for name in columns if name not in used]
+    triples = triples_of(free, readings)
+    named = [one for one in triples if one.name.quantity == "acceleration"]
+    axes_only = [one for one in triples if one.name.quantity in ("", "letter")]
     body = [one for one in named or axes_only if one.with_gravity and one.name.state not in ("free", "world")]
     if len(named) == 1 and named[0].name.state in ("raw", "", "processed"):
         # Readings far from the size of gravity may be of any unit, but not without gravity.
-        with_gravity = not named[0].size < _LEAST_GRAVITY * PER_G.get(named[0].name.unit, 1.0)
-        body = named if with_gravity else body
-    if len({triple.name.sensor for triple in body}) != 1 or (not named and len(body) > 1):
-        raise _question(columns, readings, named, body, axes_only, path)
-    force = min(body, key=lambda triple: STATES.index(triple.name.state))
-    names = ", ".join(force.columns)
-    if others := [triple for triple in named if triple is not force]:
-        listed = "; ".join(", ".join(triple.columns) for triple in others[:_MOST_SHOWN])
-        notes.append(f"accelerations: {names}, not {listed}; to override: {others[0].option(columns)}")
+        body = body if named[0].size < _LEAST_GRAVITY * PER_G.get(named[0].name.unit, 1.0) else named
+    several = len({one.name.sensor for one in body}) > 1 or (not named and len(body) > 1)
+    if several or not body:
+        single, more = [name for name in free if parsed(name).quantity == "acceleration"], ""
+        if several:
+            words, found = f"{len(body)} triples of columns with the size of gravity; choose one", body
+        elif named:
+            words, found = f"{', '.join(named[0].columns)}: {_WITHOUT}", named
+        elif len(single) == 3 or axes_only:
+            words, found = (
+                "name the accelerations",
+                axes_only or [Triple(tuple(single), Name(), *size_of(readings(single)))],
+            )
+        else:
+            words, found = "name the accelerations", proposals(free[:_MOST_COLUMNS], readings)
+            steps = np.diff(readings(free[:_MOST_COLUMNS]), axis=0)
+            rising = np.flatnonzero((steps > 0).all(0) & (steps != 1).any(0))
+            named_time = any(parsed(name).quantity == "time" for name in free)
+            more = f",time={columns.index(free[rising[0]]) + 1}" if len(rising) and not named_time else ""
+        options = [f"{one.option(columns)}{more} (size {one.size:.4g})" for one in found[:_MOST_SHOWN]] or [
+            COLUMNS_OPTION
+        ]
+        there = f" among the columns {shown(', '.join(columns))}" if not several and not named else ""
+        raise question(path, f"{words}{there}", options)
+    force = min(body, key=lambda one: STATES.index(one.name.state))
+    if others := [one for one in named if one is not force]:
+        listed = "; ".join(", ".join(one.columns) for one in others[:_MOST_SHOWN])
+        notes.append(
+            f"accelerations: {', '.join(force.columns)}, not {listed}; to override: {others[0].option(columns)}"
+        )
     elif not named:
-        notes.append(f"accelerations: {names}, axes by their names, size {force.size:.5g}; to override: {COLUMNS_OPTION}")
+        notes.append(f"accelerations: {', '.join(force.columns)}, axes by their names; to override: {COLUMNS_OPTION}")
     rates = [one for one in triples if one.name.quantity == "rate"] or [
         one for one in triples if one.name.quantity == "letter" and one.name.stem[:1] == ("g",) and one is not force
     ]
     # The rates with most words in common with the accelerations, the least processed.
     common = {one: len({*one.name.stem} & {*force.name.stem}) for one in rates}
     rates.sort(key=lambda one: (-common[one], STATES.index(one.name.state)))
-    found = dict(zip((*FORCE, *RATE), [*force.columns, *(rates[0].columns if rates else ())], strict=False))
-    return {role: Column(name, parsed(name).unit, "name") for role, name in found.items()}
+    names = [*force.columns, *(rates[0].columns if rates else ())]
+    return {role: Column(name, parsed(name).unit, "name") for role, name in zip((*FORCE, *RATE), names, strict=False)}
 
 
-def _question(
-    columns: Sequence[str],
-    readings: Readings,
-    named: Sequence[Triple],
-    body: Sequence[Triple],
-    axes_only: Sequence[Triple],
-    path: str,
-) -> InputError:
-    """The question which columns are the accelerations, with the options that can be pasted."""
-    single = [column for column in columns if parsed(column).quantity == "acceleration"]
-    values = readings(columns[:_MOST_COLUMNS])
-    found, more = body or named or axes_only, ""
-    if body:
-        words = f"{len(body)} triples of columns with the size of gravity; choose one"
-    elif named:
-        words = (
-            f"{', '.join(named[0].columns)} are accelerations along axes of the Earth, or without the size of gravity: no "
-            "calibration is possible from them. Record the sensor's readings, or use these all the same"
-        )
-    elif single:
-        words = f"only {', '.join(single)} among the columns {shown(', '.join(columns))}; name the three"
-    else:
-        words = f"the columns' names do not state the accelerations: {shown(', '.join(columns))}; give them"
-        found = axes_only or proposals(columns, values)
-        rising = np.flatnonzero((np.diff(values, axis=0) > 0).all(0) & (np.diff(values, axis=0) != 1).any(0))
-        if len(rising) and not axes_only and not any(parsed(column).quantity == "time" for column in columns):
-            more = f",time={rising[0] + 1}"
-    return question(path, words, [one.option(columns, more) for one in found[:_MOST_SHOWN]] or [COLUMNS_OPTION])
-
-
-def proposals(columns: Sequence[str], values: NDArray[np.float64]) -> list[Triple]:
-    """Neighbouring columns whose values (n, k) may be accelerations, most likely first: constant lengths of about gravity."""
+def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
+    """Neighbouring columns whose values may be accelerations, most likely first: constant lengths of about gravity."""
+    values = readings(columns)
     falling = (np.diff(values, axis=0) < 0).any(0)
     found = [
         Triple(tuple(columns[first : first + 3]), Name(), *size_of(values[:, first : first + 3]))
-        for first in range(values.shape[1] - 2)
+        for first in range(len(columns) - 2)
         if falling[first : first + 3].all()
     ]
-    return sorted(found, key=lambda triple: (not triple.with_gravity, triple.dispersion))
+    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion))

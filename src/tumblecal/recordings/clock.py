@@ -51,18 +51,17 @@ def form_of(cells: Sequence[str]) -> str:
 def seconds_of(name: str, form: str, first_day: float = 0.0) -> pl.Expr:
     """The times of a column of text, s, from midnight of a day (counted from 1970); null for cells of another form."""
     group = pl.col(name).str.extract_groups(FORMS[form]).struct.field
-    hour, minute, zone = (
-        group(unit).str.replace(":", "", literal=True).cast(pl.Int64, strict=False) for unit in ("hour", "minute", "zone")
-    )
+    hour, minute = (group(unit).cast(pl.Int64, strict=False) for unit in ("hour", "minute"))
     second = group("second").str.replace("[,:]", ".").cast(pl.Float64, strict=False)
     half = group("half").str.to_lowercase()
     hour = pl.when(half.is_null()).then(hour).otherwise(hour % 12 + 12 * (half == "p").cast(pl.Int64))
-    zone = zone.fill_null(0)
-    ahead_s = zone.sign() * (zone.abs() // 100 * 3600 + zone.abs() % 100 * 60)
-    of_day = hour * 3600 + minute * 60 - ahead_s + second
+    # +0530 is 330 minutes ahead.
+    zone = group("zone").str.replace(":", "", literal=True).cast(pl.Int64, strict=False).fill_null(0)
+    minute = minute - zone + 40 * (zone / 100).cast(pl.Int64)
+    of_day = hour * 3600 + minute * 60 + second
     if "<year>" not in FORMS[form]:
         return of_day
-    year = pl.when(group("year").str.len_chars() == 2).then("20" + group("year")).otherwise(group("year"))
+    year = ("20" + group("year")).str.slice(-4)
     month, kind = ("name", "%Y-%b-%d") if "<name>" in FORMS[form] else ("month", "%Y-%m-%d")
     date = pl.concat_str([year, group(month), group("day")], separator="-").str.to_date(kind, strict=False)
     return (date.cast(pl.Int64) - int(first_day)) * DAY_S + of_day
@@ -99,23 +98,23 @@ def unit_of_times(
     steps = np.diff(times)
     steps = steps[steps > 0]
     step = float(np.mean(steps[steps < 20 * np.median(steps)])) if len(steps) else 0.0
+    rates = {unit: 1 / (step * TIME_S[unit]) for unit in ("s", "ms", "us", "ns")} if step else {}
     if stated:
         # Xsens counts steps of 0.1 ms (MT Manager) or of 1 us (DOT).
-        return "us" if stated == "100us" and step * TIME_S[stated] * _SLOWEST_HZ > 1 else stated, ""
-    rates = {unit: 1 / (step * TIME_S[unit]) for unit in ("s", "ms", "us", "ns")} if step else {}
+        return "us" if stated == "100us" and 10 * rates.get("ms", np.inf) < _SLOWEST_HZ else stated, ""
+    possible = [unit for unit, rate in rates.items() if _SLOWEST_LOG_HZ < rate < _FASTEST_HZ]
     if rate_hz and rates:
         found = [unit for unit, rate in rates.items() if 0.5 < rate / rate_hz < 2]
         if not found:
             return "", f"column {name}: no unit of its times gives {rate_hz:g} Hz: not used (to use it: --time-unit)"
+    elif since_1970 := [unit for unit in possible if _EPOCH_S[0] < times[0] * TIME_S[unit] < _EPOCH_S[1]]:
+        found = since_1970
     else:
-        possible = [unit for unit, rate in rates.items() if _SLOWEST_LOG_HZ < rate < _FASTEST_HZ]
-        found = [unit for unit in possible if _EPOCH_S[0] < times[0] * TIME_S[unit] < _EPOCH_S[1]]
-        if not found:
-            found = [unit for unit in possible if rates[unit] > _SLOWEST_HZ][:1]
-            if step < 1 and "s" in possible:
-                found = ["s"]
-            elif (np.abs(step / _SLOW_STEPS_S - 1) < 0.01).any():
-                found = ["s", *found]
+        found = [unit for unit in possible if rates[unit] > _SLOWEST_HZ][:1]
+        if step < 1 and "s" in possible:
+            found = ["s"]
+        elif (np.abs(step / _SLOW_STEPS_S - 1) < 0.01).any():
+            found = ["s", *found]
     if len(found) != 1:
         options = [f"--time-unit {unit} ({rates[unit]:.4g} Hz)" for unit in found]
         words = f"column {name}: no unit of the times is stated, and its steps are {step:g}; give"

@@ -1,10 +1,11 @@
 """The column of the clock of a recording, by its name or its dates, with its form and unit."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from tumblecal.data.column_names import parsed, role_of
 from tumblecal.ground.errors import InputError
@@ -19,27 +20,25 @@ _CELLS, _CLOCK_ROWS, _EQUAL_STEPS, _DEGC = 100, 1000, 0.8, (-60.0, 150.0)
 
 
 def clock_among(first: pl.DataFrame, free: Sequence[str]) -> Column | None:
-    """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words."""
-    numbers = {name: Column(name).numbers(first) for name in free if role_of(name)[0] == "time"}
-    named = sorted(numbers, key=lambda name: parsed(name).foreign)
-    usable = [
-        name for name in named
-        if _form(first, name) or first[name].dtype.is_temporal() or (rises(numbers[name]) and not overflows(numbers[name]))
-    ]  # fmt: skip
-    usable.sort(key=lambda name: not (parsed(name).unit or _form(first, name)))
+    """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words; then a
+    column t that rises in nearly equal steps, or any column with dates."""
+    named = sorted((name for name in free if role_of(name)[0] == "time"), key=lambda name: parsed(name).foreign)
+    letters = [name for name in sorted(free, reverse=True) if is_letter_t(name)]  # t before T
+    numbers = {name: Column(name).numbers(first) for name in (*named, *letters)}
+    dated = [name for name in free if first[name].dtype.is_temporal() or form_of(_texts(first[name].head(_CELLS)))]
+    usable = [name for name in named if name in dated or (rises(numbers[name]) and not overflows(numbers[name]))]
+    usable.sort(key=lambda name: not (parsed(name).unit or name in dated))
     # Whole seconds in one column, and their fraction in ms, us or ns in another.
-    scales = {name: TIME_S.get(parsed(name).unit, 0.0) for name in named}
-    whole = [name for name in named if scales[name] == 1 and not (numbers[name] % 1).any()]
+    scales = {name: TIME_S.get(parsed(name).unit, 0.0) for name in named if np.isfinite(numbers[name]).any()}
+    whole = [name for name, scale in scales.items() if scale == 1 and not (numbers[name] % 1 > 0).any()]
     parts = [
-        name for name in named
-        if 0 < scales[name] < 1 and 0 <= np.nanmin(numbers[name]) < np.nanmax(numbers[name]) < 1 / scales[name]
+        name for name, scale in scales.items()
+        if 0 < scale < 1 and 0 <= np.nanmin(numbers[name]) < np.nanmax(numbers[name]) < 1 / scale
     ]  # fmt: skip
     if whole and parts and {*usable} <= {whole[0], parts[0]}:
         return Column(parts[0], "s", "name", scales[parts[0]], whole=whole[0])
-    if usable or named:
-        name = (usable or named)[0]
-        return Column(name, parsed(name).unit, "name")
-    return next((Column(name, "", "dates") for name in free if _form(first, name)), None)
+    found = usable or named or [name for name in letters if name in dated or _is_even(numbers[name])] or dated
+    return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "values") if found else None
 
 
 def is_letter_t(name: str) -> bool:
@@ -48,30 +47,19 @@ def is_letter_t(name: str) -> bool:
     return meaning.stem == ("t",) and not meaning.axis and meaning.quantity in ("", "orientation")
 
 
-def letters_t(first: pl.DataFrame, columns: Mapping[str, Column], free: Sequence[str], notes: list[str]) -> dict[str, Column]:
-    """The quantities of columns t: the time if they rise, in nearly equal steps or next to a temperature, otherwise the
-    temperature."""
-    found: dict[str, Column] = {}
-    for name in sorted(filter(is_letter_t, free), reverse=True):  # t before T
-        values = Column(name).numbers(first)
-        steps = np.diff(values[np.isfinite(values)])
-        known = {*columns, *found}
-        equal = len(steps) > 2 and np.mean(np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps)) >= _EQUAL_STEPS
-        is_time = _form(first, name) or (rises(values) and (equal or "temperature" in known))
-        possible = is_time or (len(steps) and not rises(values) and (np.abs(values - np.mean(_DEGC)) < 105).all())
-        role = "time" if is_time else "temperature"
-        if possible and role not in known:
-            found[role] = Column(name, "", "values")
-            notes.append(f"column {name} is the {role}, by its values; to override: --columns {role}=...")
-        else:
-            words = f"column {name} may be the time or the temperature"
-            notes.append(f"{words}: not used (to use it: --columns time={name} or --columns temperature={name})")
-    return found
+def is_temperature(values: NDArray[np.float64]) -> bool:
+    """Whether the numbers of a column t are no times: temperatures that also fall."""
+    return not rises(values) and bool((np.abs(values - np.mean(_DEGC)) < np.ptp(_DEGC) / 2).all())
 
 
-def _form(first: pl.DataFrame, name: str) -> str:
-    """The form of the first cells of a column of text; empty for other columns."""
-    return form_of(first[name].drop_nulls().head(_CELLS).to_list()) if first[name].dtype == pl.String else ""
+def _is_even(values: NDArray[np.float64]) -> bool:
+    """Whether numbers rise in nearly equal steps."""
+    steps = np.diff(values[np.isfinite(values)])
+    return rises(values) and float(np.mean(np.abs(steps / np.median(steps) - 1) <= 0.5)) >= _EQUAL_STEPS
+
+
+def _texts(cells: pl.Series) -> list[str]:
+    return cells.drop_nulls().to_list() if cells.dtype == pl.String else []
 
 
 def with_unit(
@@ -90,15 +78,16 @@ def with_unit(
     if isinstance(cells.dtype, pl.Datetime | pl.Duration | pl.Time):
         scale = TIME_S[getattr(cells.dtype, "time_unit", "ns")]
         return replace(column, unit="s", scale=scale, offset=float(cells.to_physical()[0]))
-    ends = pl.concat([cells.head(_CLOCK_ROWS), cells.tail(_CLOCK_ROWS)])
-    if form := form_of(ends.to_list() if ends.dtype == pl.String else ()):
+    if form := form_of(_texts(pl.concat([cells.head(_CLOCK_ROWS), cells.tail(_CLOCK_ROWS)]))):
         begin = first.select(seconds_of(name, form)).to_series().drop_nulls()
         day = float(begin[0] // 86400) if len(begin) and "<year>" in FORMS[form] else 0.0
         return replace(column, unit="s", form=form, offset=day)
     times = column.numbers(first)
     counter = overflows(times)
     if counter or not np.isfinite(times).any() or cells.dtype == pl.Date:
-        words = f"column {name}: {'a counter that overflows' if counter else shown(str(cells[0]))} cannot be read as a time"
+        words = (
+            f"column {name}: {'a counter that overflows' if counter else shown(str(cells[0]))} cannot be read as a time"
+        )
         if not options.rate and not (counter and column.why == "name"):
             cure = "write seconds, h:m:s.f or dates such as 2026-03-29T01:59:30.010, or give --rate 100 to omit it"
             raise InputError(f"{path}: {words}; {cure}")

@@ -17,9 +17,9 @@ from tumblecal.recordings.table import Table
 
 
 # Keys of statements of the sample rate.
-RATE_KEYS = tuple(
-    "rate_hz fs fs_hz sample_rate sampling_rate sampling_rate_hz sampling_frequency update_rate output_rate "
-    "measurement_frequency".split()
+RATE_KEYS = (
+    *("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency"),
+    *("update_rate", "output_rate", "measurement_frequency"),
 )
 # The option that names the columns of the accelerations, for messages.
 COLUMNS_OPTION = "--columns ax=...,ay=...,az=..."
@@ -94,14 +94,11 @@ def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
         quantity, unit = exact_role(role) or ("", "")
         by_number = given.isdecimal() and given not in names and 1 <= int(given) <= len(names)
         name = names[int(given) - 1] if by_number else given
-        other = next((other for other, column in columns.items() if column.name == name or other == quantity), "")
-        faults = {
-            f"no such quantity; there are {', '.join(QUANTITIES)}": not quantity,
-            f"no such column; the recording has {shown(', '.join(names))}": name not in names,
-            f"column {name} is {other} already; name another column for each quantity": other,
-        }
-        if words := next((words for words, wrong in faults.items() if wrong), ""):
-            raise InputError(f"--columns {role}={given}: {words}")
+        if not quantity or name not in names or quantity in columns or name in {one.name for one in columns.values()}:
+            raise InputError(
+                f"--columns {role}={given}: give each quantity one column, and no column twice. Quantities: "
+                f"{', '.join(QUANTITIES)}; columns of the recording: {shown(', '.join(names))}"
+            )
         named, named_unit = exact_role(table.roles.get(name, "")) or role_of(name)
         same = _KINDS.get(named, named) == _KINDS.get(quantity, quantity)
         columns[quantity] = Column(name, unit or (named_unit if same else ""), "option")
@@ -121,10 +118,8 @@ def pairs(text: str, option: str) -> dict[str, str]:
     found: dict[str, str] = {}
     for part in filter(None, text.split(",")):
         key, _, value = (word.strip() for word in part.partition("="))
-        if not value:
-            raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ")
-        if found.setdefault(key, value) != value:
-            raise InputError(f"{option} {text}: {key} is given twice; keep one")
+        if not value or found.setdefault(key, value) != value:
+            raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ, with each key once")
     return found
 
 

@@ -40,9 +40,9 @@ def described(path: Path, options: RecordingOptions) -> tuple[Path, RecordingOpt
     stated: dict[str, Any] = {key: value for key, value in content.items() if key not in ("schema", "file", "source")}
     if isinstance(stated.get("columns"), dict):
         stated["columns"] = ",".join(f"{role}={name}" for role, name in stated["columns"].items())
+    numbers = {"signed": int, "rate": (int, float), "range_g": (int, float)}
     for key, value in stated.items():
-        kind = int if key == "signed" else (int, float) if key in ("rate", "range_g") else str
-        if key not in known or not isinstance(value, kind) or isinstance(value, bool):
+        if key not in known or not isinstance(value, numbers.get(key, str)) or isinstance(value, bool):
             raise InputError(f"{path}: key {key}: unknown, or not of its type; keys: {', '.join(known)}")
     given = {key: value for key, value in asdict(options).items() if value != known[key].default}
     return path.parent / content["file"], replace(RecordingOptions(), **{**stated, **given})
@@ -55,15 +55,21 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, object]]:
         role: str(order.index(column.name) + 1) if {",", "="} & {*column.name} else column.name
         for role, column in layout.columns.items()
     }
-    items: dict[str, tuple[object, object]] = {"columns": (columns, {role: c.why for role, c in layout.columns.items()})}
+    items: dict[str, tuple[object, object]] = {
+        "columns": (columns, {role: c.why for role, c in layout.columns.items()})
+    }
     if recording.table.name:
         items["topic"] = recording.table.name, "accelerations and most rows"
     clock = layout.columns.get("time")
     in_counts = f"{layout.per_g:g}/g" if layout.per_g else ""
     units = {"unit": ("ax", in_counts if layout.unit == "counts" else layout.unit)}
-    units |= {"gyro_unit": (role, one.unit) for role, one in layout.columns.items() if role in RATE and one.unit in ("dps", "rads")}
+    if rates := [role for role in RATE if role in layout.columns and layout.columns[role].unit in ("dps", "rads")]:
+        units["gyro_unit"] = rates[0], layout.columns[rates[0]].unit
     if clock and not clock.form and not clock.whole:
-        units["time_unit"] = "time", {scale: unit for unit, scale in TIME_S.items() if unit != "100us"}.get(clock.scale, "")
+        units["time_unit"] = (
+            "time",
+            {scale: unit for unit, scale in TIME_S.items() if unit != "100us"}.get(clock.scale, ""),
+        )
     for name, (role, unit) in units.items():
         if unit:
             items[name] = AS_OPTION.get(unit, unit), layout.columns[role].why.partition("; unit: ")[2] or "file"

@@ -13,13 +13,12 @@ from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
-from tumblecal.recordings.clock_column import clock_among, is_letter_t, letters_t, with_unit
+from tumblecal.recordings.clock_column import clock_among, is_letter_t, is_temperature, with_unit
 from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, pairs
 from tumblecal.recordings.guesses import question
 from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.sizes import signed_words, size_of
 from tumblecal.recordings.table import Table
-from tumblecal.recordings.units import with_units
+from tumblecal.recordings.units import signed_words, size_of, with_units
 
 
 def layout_of(
@@ -51,12 +50,20 @@ def layout_of(
         return [name for name in table.columns if name not in used]
 
     if not {*FORCE} & {*columns}:
-        columns |= chosen(free(), readings, notes, path)
+        columns |= chosen(table.columns, {column.name for column in columns.values()}, readings, notes, path)
     columns |= _singles(columns, free())
     if "time" not in columns and (clock := clock_among(first, free())):
         columns["time"] = clock
-    if only is None or {"time", "temperature"} & {*only}:
-        columns |= letters_t(first, columns, free(), notes)
+    for name in filter(is_letter_t, free()):
+        if "temperature" not in columns and is_temperature(Column(name).numbers(first)):
+            columns["temperature"] = Column(name, "", "values")
+        else:
+            notes.append(
+                f"column {name} is not used (to use it: --columns time={name} or --columns temperature={name})"
+            )
+    for role in ("time", "temperature"):
+        if role in columns and columns[role].why == "values":
+            notes.append(f"column {columns[role].name} is the {role}, by its values; to override: --columns {role}=...")
     if lacking := [role for role in FORCE if role not in columns]:
         words = f"{', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; name them"
         raise question(path, words, [COLUMNS_OPTION])
@@ -98,10 +105,10 @@ def _readable(
     **Raises:** `InputError` for accelerations, angles, and columns named by an option, without any number.
     """
     found = dict(columns)
-    for role in {*FORCE, *RATE, "temperature", *NUMBERS} & {*columns}:
-        name = columns[role].name
-        if np.isfinite(columns[role].numbers(first)).any():
+    for role in (*FORCE, *RATE, "temperature", *NUMBERS):
+        if role not in columns or np.isfinite(columns[role].numbers(first)).any():
             continue
+        name = columns[role].name
         texts = first.select(pl.col(name).cast(pl.String).str.strip_chars(), row=ROW if ROW in first.columns else None)
         texts = texts.filter(pl.col(name) != "").head(1) if not first[name].dtype.is_numeric() else texts.head(0)
         cell, row = texts.row(0) if len(texts) else ("", None)
@@ -127,6 +134,8 @@ def _scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[st
             if role not in found:
                 raise InputError(f"--{option}: {role} is not among the columns; there are {', '.join(columns)}")
             if value is None or not np.isfinite(value) or (option == "scale" and not value):
-                raise InputError(f"--{option} {text}: not a finite number (a scale: other than 0); write 0.5, or ax=0.5,ay=0.4")
+                raise InputError(
+                    f"--{option} {text}: not a finite number (a scale: other than 0); write 0.5, or ax=0.5,ay=0.4"
+                )
             found[role] = replace(found[role], **{option: value})
     return found

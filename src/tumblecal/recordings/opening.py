@@ -1,5 +1,7 @@
 """Which table and which rows of a source are the recording, and its columns, from the first rows."""
 
+import re
+import shlex
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,9 +22,7 @@ from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.table import Table
 
 
-_SENSOR_WORDS = {
-    *"sensor id device imu node channel unit address addr mac tag name source kind type".split(),
-}  # fmt: skip
+_SENSOR_WORD = re.compile("sensor|id|device|imu|node|channel|unit|address|addr|mac|tag|name|source|kind|type")
 _MOST_SENSORS = 16
 
 
@@ -74,11 +74,13 @@ def _chosen(path: Path, tables: Sequence[Table], options: RecordingOptions) -> T
     """
     if len(tables) == 1 and tables[0].columns and not options.topic:
         return tables[0]
-    given = [table for table in tables if options.topic in ("", table.name) and (options.topic or _has_force(table, options))]
+    given = [
+        table for table in tables if options.topic in ("", table.name) and (options.topic or _has_force(table, options))
+    ]
     if not given:
         there = ", ".join(f"{table.name} ({table.words or f'{table.rows} rows'})" for table in tables) or "nothing"
         missing = f"topic {options.topic}" if options.topic else "accelerations"
-        choices = [f"--topic {table.name}" for table in tables if table.name and len(table.columns) > 2]
+        choices = [f"--topic {shlex.quote(table.name)}" for table in tables if table.name and len(table.columns) > 2]
         raise question(path, f"no {missing}; the file has {there}{'; choose one' if choices else ''}", choices)
     return max(given, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
 
@@ -114,10 +116,10 @@ def _ask_for_sensor(table: Table, first: pl.DataFrame, path: Path, options: Reco
     """
     used = {column.name for column in given_columns(table, options).values()}
     for name in table.columns:
-        if name in used or not _SENSOR_WORDS & {*parsed(name).stem}:
+        if name in used or not any(map(_SENSOR_WORD.fullmatch, parsed(name).stem)):
             continue
         cells = first[name].cast(pl.String).drop_nulls()
         values = cells.unique(maintain_order=True)
         if 2 <= len(values) <= _MOST_SENSORS and (cells != cells.shift(1)).sum() > 2 * len(values):
             words = f"column {name} has {len(values)} values in turn: rows of several sensors; select one"
-            raise question(path, words, [f"--rows {name}={value}" for value in values])
+            raise question(path, words, [f"--rows {shlex.quote(f'{name}={value}')}" for value in values])

@@ -16,11 +16,10 @@ from tumblecal.ground.atomic import scratch_folder
 from tumblecal.recordings.clock import DAY_S, LONGEST_STEP_S
 from tumblecal.recordings.columns import stated_rate
 from tumblecal.recordings.guesses import guessed
-from tumblecal.recordings.left_out import left_out
 from tumblecal.recordings.opening import opened
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.rows import WHOLE, names_of, sample_frames
+from tumblecal.recordings.rows import WHOLE, left_out, names_of, sample_frames
 
 
 # Share of the steps of a regular clock that are within a quarter of the usual one; rows of a local rate.
@@ -67,7 +66,9 @@ def read_recording(
                 zero_s = float(frame.select("time_s").slice(int(np.argmax(kept)), 1).collect().item())
             pieces = _retained(frame, kept, zero_s)
         if (clock := layout.columns.get("time")) and begin:
-            facts["begin_s"] = begin[0] + clock.offset * (DAY_S if clock.form else clock.scale) + table.zero_s() + zero_s
+            facts["begin_s"] = (
+                begin[0] + clock.offset * (DAY_S if clock.form else clock.scale) + table.zero_s() + zero_s
+            )
         recording = replace(recording, samples=out, **facts)
         write_frames(out, pieces, schema, recording.comments)
     return recording

@@ -1,21 +1,26 @@
-"""The rows of a recording as columns in SI units, in pieces."""
+"""The rows of a recording as columns in SI units, in pieces, and the rows that are left out."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.column_names import FORCE, LABELS, NUMBERS, QUANTITIES, RATE
+from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.text_layout import ROW
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.formula_cells import column_from_text
 from tumblecal.ground.plain_text import CONTROLS
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.columns import Column, Layout
-from tumblecal.recordings.sizes import signed_words
+from tumblecal.recordings.damage import DamageRecord
 from tumblecal.recordings.table import Table
+from tumblecal.recordings.units import signed_words
 
 
 # Whether a row has a complete reading; the columns of the source.
@@ -23,6 +28,14 @@ WHOLE, SOURCE_COLUMNS = "\x00whole", "\x00source"
 # With a larger share of unreadable rows, the layout is wrong instead of single lines.
 _MOST_UNREADABLE, _SHOWN = 0.2, 5
 _CHECKED_ROWS = 2000
+# Fewest rows with equal readings that are erased memory; most rows that are late, before the clock goes on.
+_FEWEST_ERASED, _MOST_LATE = 20, 100
+# Readings of this many times the size of gravity are no readings.
+_IMPOSSIBLE = 1000
+# Share of equal readings among rows with one time that occur twice.
+_FEWEST_EQUAL = 0.7
+# Repeated samples: fewest runs of equal readings, and largest share of single ones.
+_FEWEST_RUNS, _MOST_SINGLE = 50, 0.02
 
 
 @dataclass
@@ -103,3 +116,81 @@ def sample_frames(
 
 def _label(name: str) -> pl.Expr:
     return column_from_text(pl.col(name).cast(pl.String).str.replace_all(CONTROLS, "?"))
+
+
+def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDArray[np.bool_], list[DamageRecord]]:
+    """The rows of a table of samples that are retained, (n,), and the records of the others.
+
+    Left out are erased memory (all readings stop for 20 rows or more, and the clock too or all axes have one number), rows
+    that are earlier than one before them (unless the clock restarts), rows that occur twice, and repeats of a sample by
+    a logger that is faster than the sensor.
+    """
+    named = names_of(layout)
+    channels = [named[role] for role in (*FORCE, *RATE) if role in named]
+    force = pl.col(channels[:3])
+    size = layout.size / (layout.per_g if layout.per_g and layout.unit == "g" else 1.0)
+    x, y, z = (pl.col(named[axis]) / layout.columns[axis].scale + layout.columns[axis].offset for axis in FORCE)
+    facts = scan_parquet(samples, check=False)[0].select(
+        same=pl.all_horizontal(pl.col(channels).eq_missing(pl.col(channels).shift(1))),
+        same_force=pl.all_horizontal(force.eq_missing(force.shift(1))),
+        impossible=pl.any_horizontal(force.abs() > _IMPOSSIBLE * size),
+        flat=(x - y).abs() + (x - z).abs() <= 1e-9 * x.abs(),
+        time=pl.col("time_s") if "time" in named else pl.lit(None, pl.Float64),
+    )
+    found = facts.collect(engine="streaming")
+    same, same_force, flat, time = (found[name].to_numpy() for name in ("same", "same_force", "flat", "time"))
+    same_time = np.append(False, np.diff(time) == 0)
+    records: list[DamageRecord] = []
+    kept = np.ones(len(same), bool)
+
+    def leave(rows: NDArray[np.bool_], kind: str, words: str, *more) -> None:
+        rows = rows & kept
+        if 0 < (count := int(rows.sum())) < kept.sum():
+            first = int(np.argmax(rows)) + 1
+            kept[rows] = False
+            words = f"{counted(count, 'row')} {words}, first row {first}: left out"
+            records.append(DamageRecord(kind, words, "left out", count, first, *more))
+
+    leave(found["impossible"].to_numpy(), "impossible", f"of more than {_IMPOSSIBLE} times the size of gravity")
+    stopped = _long_runs(same & same_time) & (np.mean(same_time) < 0.5)
+    leave(stopped | (_long_runs(same) & flat), "erased", "of erased memory")
+    if "time" in named:
+        late = np.zeros(len(kept), bool)
+        late[kept] = _late(time[kept])
+        leave(late, "disorder", "earlier than a row before them")
+    if same_time.any() and np.mean(same[same_time]) > _FEWEST_EQUAL and np.mean(same[~same_time]) < 1 - _FEWEST_EQUAL:
+        leave(same & same_time, "duplicates", "that occur twice, with the same time and readings")
+    starts = np.flatnonzero(kept & ~same_force)
+    lengths = np.diff(np.append(starts, len(kept)))
+    if len(starts) > _FEWEST_RUNS and np.mean(lengths[1:-1] == 1) <= _MOST_SINGLE:
+        # Runs of equal readings are one sample or, for coarse readings, several.
+        ratio = float(np.mean(lengths[lengths < 1.75 * np.median(lengths)]))
+        samples_of = np.maximum(np.round(lengths / ratio), 1).astype(int)
+        within = np.arange(samples_of.sum()) - np.repeat(np.cumsum(samples_of) - samples_of, samples_of)
+        repeats = np.ones(len(kept), bool)
+        repeats[np.repeat(starts, samples_of) + (within * ratio).astype(int)] = False
+        rate = f" ({rate_hz / ratio:.4g} samples a second in {rate_hz:.4g} rows)" if rate_hz else ""
+        leave(repeats, "repeats", f"that repeat a sample{rate}, each {ratio:.3g} times", ratio, "rows a sample")
+    return kept, records
+
+
+def _long_runs(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The rows of runs of `_FEWEST_ERASED` rows or more that equal the row before, with the first of each run."""
+    starts = np.flatnonzero(~flags)
+    lengths = np.diff(np.append(starts, len(flags)))
+    return np.repeat(lengths >= _FEWEST_ERASED, lengths)
+
+
+def _late(time: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Rows that are earlier than one before them; after `_MOST_LATE` such rows the clock has restarted."""
+    late = np.zeros(len(time), bool)
+    begin, latest = 0, np.maximum.accumulate(time)
+    for back in (np.flatnonzero(np.diff(time) < 0) + 1).tolist():
+        if late[back]:
+            continue
+        on_time = np.flatnonzero(time[back : back + _MOST_LATE + 1] > latest[back - 1 - begin])
+        if len(on_time) or len(time) - back <= _MOST_LATE:
+            late[back : back + (on_time[0] if len(on_time) else _MOST_LATE)] = True
+        else:
+            begin, latest = back, np.maximum.accumulate(time[back:])
+    return late

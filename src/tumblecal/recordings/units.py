@@ -4,12 +4,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tumblecal.data.column_names import FORCE, RATE
 from tumblecal.data.table import DIFFERENT_UNITS
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import UNITS_PER_G
 from tumblecal.recordings.columns import Column
 from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.sizes import unit_by_size
 from tumblecal.recordings.table import Table
 
 
@@ -19,6 +22,16 @@ _RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "ra
 _KNOWN = {"--unit": (_FORCE_UNITS, "g"), "--gyro-unit": (_RATE_UNITS, "dps")}
 # Names of units in files, as an option is written.
 AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
+PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
+# Readings whose size is one g in some unit to within this factor have this unit; if several attitudes show the bias, within
+# the second.
+_LARGEST_RATIO, _LARGEST_RATIO_WITHOUT_BIAS = 1.3, 1.15
+# Size of readings with offsets to 0.6 g, relative to gravity.
+_SMALLEST, _LARGEST = 0.35, 1.9
+_FEWEST_ATTITUDES, _MOST_DISPERSION, _LARGEST_OFFSET = 6, 0.05, 0.8
+_WINDOWS, _FEWEST_ROWS, _MOST_ROWS = 2000, 12, 60
+# Bits of numbers, and relative distances of lengths from the usual one that are near it and far from it.
+_BITS, _NEAR, _FAR = (8, 10, 12, 14, 16, 18, 20, 24, 32), 0.7, 3.0
 
 
 def stated_unit(text: str, option: str) -> tuple[str, float | None]:
@@ -72,7 +85,7 @@ def with_units(
     unit = unit or "counts"
     rate = "dps" if per_dps else rate or ("counts" if unit == "counts" else "raw")
     found = dict(columns)
-    for role in {*FORCE, *RATE} & {*columns}:
+    for role in filter(columns.__contains__, (*FORCE, *RATE)):
         column, own, evidence = columns[role], *((unit, why) if role in FORCE else (rate, rate_why))
         scale = column.scale / (per_dps if per_dps and role in RATE else 1.0)
         found[role] = replace(column, unit=own, scale=scale, why=f"{column.why}; unit: {evidence}")
@@ -90,3 +103,87 @@ def _stated(
     if len(named) > 1:
         raise InputError(f"{path}: {', '.join(column.name for column in there)} {DIFFERENT_UNITS}")
     return next(iter(named), ""), None, "name"
+
+
+def unit_by_size(size: float, *, without_bias: bool = False) -> str:
+    """The unit in which a size of the accelerations is about one g, as a user writes it; empty for none.
+
+    **Arguments:**
+
+    - `without_bias`: whether the size is the radius of a sphere through readings of several attitudes.
+    """
+    if not size > 0:
+        return ""
+    near = min(UNITS_PER_G, key=lambda unit: abs(np.log(size / UNITS_PER_G[unit])))
+    per = UNITS_PER_G[near]
+    ratio = _LARGEST_RATIO_WITHOUT_BIAS if without_bias else _LARGEST_RATIO
+    return (near if near in ("g", "mg", "m/s2") else f"{per:g}/g") if 1 / ratio < size / per < ratio else ""
+
+
+def may_be_gravity(size: float, unit: str) -> bool:
+    """Whether a size is that of gravity with offsets, in this unit or, if it is unknown, in a usual one."""
+    sizes = [PER_G[unit]] if unit in PER_G else UNITS_PER_G.values()
+    return any(_SMALLEST < size / one < _LARGEST for one in sizes)
+
+
+def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
+    """The question about whole numbers (n, 3) of which negative ones are written as unsigned ones; empty for others.
+
+    Then rows with a number in the upper half of the range have lengths far from those of the other rows (or from one g in a
+    usual unit), and near them if the upper half is negative.
+    """
+    values = values[np.isfinite(values).all(1)]
+    top = float(np.max(values, initial=0.0))
+    bits = next((bits for bits in _BITS if 2.0 ** (bits - 1) <= top < 2.0**bits), 0)
+    if not bits or np.min(values) < 0 or (values != np.round(values)).any():
+        return ""
+    upper = values >= 2.0 ** (bits - 1)
+    rows = upper.any(1)
+    as_written, as_signed = (np.linalg.norm(one, axis=1) for one in (values, values - 2.0**bits * upper))
+    size = float(np.median(as_signed if rows.all() else as_signed[~rows]))
+    off, off_signed = (float(np.median(np.abs(one[rows] / size - 1))) for one in (as_written, as_signed))
+    unit = unit_by_size(size)
+    if (rows.all() and not unit) or not off_signed < _NEAR < off or off <= _FAR * off_signed:
+        return ""
+    power = 2.0 ** np.round(np.log2(size))
+    unit = unit or (f"{power:g}/g" if 0.8 < size / power < 1.25 else f"{size:.0f}/g")
+    return (
+        f"{', '.join(names)}: numbers up to {top:g} are negative ones, written as unsigned numbers of {bits} bits; to "
+        f"read them: --signed {bits} --unit {unit}"
+    )
+
+
+def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    """The size of gravity in readings (n, 3), the largest relative change of nine tenths of the lengths, and the relative
+    dispersion of the lengths about a bias.
+
+    The size is the radius of the sphere through the means at rest if there is one, because a bias changes the median length;
+    |m|^2 = 2 b.m + r^2 - |b|^2 is linear in the bias b.
+    """
+    # Equal numbers on all axes are erased memory, or a sensor that does not answer.
+    values = values[np.isfinite(values).all(1) & (np.ptp(values, axis=1) > 0)]
+    if not len(values):
+        return np.nan, np.nan, np.inf
+    lengths = np.linalg.norm(values, axis=1)
+    usual = float(np.median(lengths))
+    changes = float(np.quantile(np.abs(lengths / usual - 1), 0.9)) if usual else np.inf
+    rows = int(np.clip(len(values) // _WINDOWS, _FEWEST_ROWS, _MOST_ROWS))
+    windows = values[: len(values) // rows * rows].reshape(-1, rows, 3)
+    if not len(windows):
+        return usual, changes, changes
+    spread = windows.std(1).max(1)
+    calm = windows.mean(1)[spread <= 3 * np.quantile(spread, 0.2) + 2e-3 * usual]
+    # One mean for each attitude: those that differ from all before them.
+    means = calm[:1]
+    for mean in calm[1:]:
+        if (np.linalg.norm(means - mean, axis=1) > 0.1 * usual).all():
+            means = np.vstack([means, mean])
+    if len(means) >= _FEWEST_ATTITUDES:
+        matrix = np.column_stack([2 * means / usual, np.ones(len(means))])
+        found, _, rank, _ = np.linalg.lstsq(matrix, ((means / usual) ** 2).sum(1), rcond=1e-6)
+        radii = np.linalg.norm(means / usual - found[:3], axis=1)
+        radius, dispersion = float(radii.mean()), float(radii.std() / radii.mean())
+        near = dispersion < _MOST_DISPERSION and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all()
+        if rank == len(found) and near:
+            return radius * usual, changes, dispersion
+    return usual, changes, changes

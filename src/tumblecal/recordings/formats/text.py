@@ -46,7 +46,11 @@ def _read(source: Source) -> list[Table]:
 
     **Raises:** `InputError` if there are no rows of three numbers, or the header does not fit the rows.
     """
-    path, written = source.path, _first_lines(source.path)
+    path = source.path
+    with opened(path) as file:
+        head = file.read(_HEAD)
+    # The last line may be longer.
+    written = [decoded(raw) for raw in head.splitlines(keepends=True)[: None if len(head) < _HEAD else -1]]
     body = [line for line in written if line.strip() and comment_in(line) is None]
     # Lines from the middle show the layout: preambles come first, and the last line may be torn.
     middle = body[len(body) // 2 :][:_LINES]
@@ -75,29 +79,26 @@ def _read(source: Source) -> list[Table]:
     if count < min(_FEWEST_LINES, len(body) - 1) or not any(are_rows):
         width = 0
     first = are_rows.index(True) if width else len(rows)
-    names, header = header_of(source, written[:first], separator, width + wider, clock=bool(clock)) if width else ((), None)
+    names, header = (
+        header_of(source, written[:first], separator, width + wider, clock=bool(clock)) if width else ((), None)
+    )
     labels = any(len({*cells}) == 1 and role_of(cells[0])[0] for cells in zip(*good, strict=True))
-    if not width or (header is None and not clock and (has_words(good) or labels)):
-        if forms := word_forms(middle):
-            return [_of_form(source, written, form, name if len(forms) > 1 else "") for name, form in forms.items()]
+    between_words = not width or (header is None and not clock and (has_words(good) or labels))
+    if between_words and (forms := word_forms(middle)):
+        return [_of_form(source, written, form, name if len(forms) > 1 else "") for name, form in forms.items()]
     if not width:
-        raise InputError(f"{path}: {_no_rows(body, separator)}")
+        cells = row_of((body or [""])[0], separator)
+        raise InputError(
+            f"{path}: text without rows of three or more numbers; its first line {shown((body or [''])[0])} has "
+            f"{counted(len(cells), 'cell')} separated by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers. Give "
+            "the whole recording, with the three accelerations of a sample in one line; for bytes of a device give --protocol"
+        )
     statements = statements_in(written[:first], separator) | stated(written)
     begin = [{*row} for row in rows[first : first + 2]]
     if header is None and [*map(len, begin)] == [1, 1] and float(rows[first][0]) > _LEAST_MOMENT_S:
         statements, first = statements | {"rate_hz": rows[first + 1][0]}, first + 2
     layout = TextLayout(path, names, separator, ("",) * len(names), header, (header or first) + 1, clock)
     return [text_table(source, layout, statements)]
-
-
-def _first_lines(path: Path) -> list[str]:
-    with opened(path) as file:
-        head = file.read(_HEAD)
-    lines = head.splitlines(keepends=True)
-    if len(head) == _HEAD and len(lines) < 2:
-        words = f"its first line is longer than {_HEAD >> 10} kB, so it is not a table of samples; give the original log"
-        raise InputError(f"{path}: {words}")
-    return [decoded(raw) for raw in (lines if len(head) < _HEAD else lines[:-1])]
 
 
 def text_table(
@@ -114,7 +115,9 @@ def text_table(
 
     def pieces(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         report = source.damage.report
-        for frame in layout.frames(columns, cut=lambda line: report(f"line {line} has no end and may be truncated: left out")):
+        for frame in layout.frames(
+            columns, cut=lambda line: report(f"line {line} has no end and may be truncated: left out")
+        ):
             yield frame.with_columns(pl.col(pl.String).str.replace(_DECIMAL_COMMA, "$1.$2")) if with_commas else frame
 
     return Table(
@@ -150,20 +153,6 @@ def _of_axes(source: Source, rows: Sequence[list[str]], separator: str) -> Table
     wide = wide.rename({axis: f"{sensor} {axis}".strip() for axis in "xyz"})
     words = "text, a row for each axis"
     return Table("", tuple(wide.columns), lambda columns: iter([wide.select(columns)]), len(wide), words=words)
-
-
-def _no_rows(body: Sequence[str], separator: str) -> str:
-    first = body[0] if body else ""
-    cells = row_of(first, separator)
-    if len(body) == 1 and known_names(cells):
-        return f"no rows below the header {first[:60]!r}; give the whole recording"
-    if first.lstrip().startswith("<"):
-        return "this is HTML or XML, not a table; export the samples as CSV"
-    return (
-        f"text without rows of three or more numbers; its first line {shown(first)} has {counted(len(cells), 'cell')} separated "
-        f"by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers: write the three accelerations of a sample in one "
-        "line; for the bytes of a device give --protocol"
-    )
 
 
 READER = Reader("text", _is_text, _read, rank=2)

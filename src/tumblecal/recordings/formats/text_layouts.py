@@ -25,7 +25,9 @@ _LABEL = re.compile(r"\W*(headers?|columns?|cols?|fields?|names?)\W*", re.IGNORE
 _KNOWN = {
     "Device Type,GENEActiv": ("time", "x (g)", "y (g)", "z (g)", "light (lux)", "button", "temperature (degC)"),
 }  # fmt: skip
-_COMMAS = "write decimal points, or semicolons between cells: commas between cells are indistinguishable from decimal commas"
+_COMMAS = (
+    "write decimal points, or semicolons between cells: commas between cells are indistinguishable from decimal commas"
+)
 
 
 def header_of(
@@ -39,26 +41,47 @@ def header_of(
     for line, names in _KNOWN.items():
         if any(text.startswith(line) for text in before) and len(names) == width:
             return names, None
-    numbered = [(number, line) for number, line in enumerate(before, start=1) if line.strip()][-3:]
-    last, units = len(before), list[str]()
-    for number, line in reversed(numbered):
+    units, last = list[str](), 0
+    for number, line in reversed([(number, line) for number, line in enumerate(before, 1) if line.strip()][-3:]):
         text = ((clock and without_clock([line])) or [line])[0].lstrip("#%;/ ")
         names = row_of(text, separator)
         if len(names) != width and separator == " ":
             names = row_of(text, separator_of([text]))
+        roles = [role_of(name) for name in names]
         if clock and len(names) == width - 1:
-            names = ["monitor" if {"time", "t", "T"} & {role_of(name)[0] or name for name in names} else "time", *names]
-        if len(names) == width + 1 and _LABEL.fullmatch(names[0]):
+            names = ["monitor" if "time" in dict(roles) or {"t", "T"} & {*names} else "time", *names]
+        elif len(names) == width + 1 and _LABEL.fullmatch(names[0]):
             names = names[1:]
-        if not units and are_units(names):
-            last, units = number, names
+        elif len(names) == width + 1 and names[-1] == "Comment":
+            names = names[:-1]
+        if not last and are_units(names):
+            units, last = names, number
             continue
-        fault = _fault(names, width, separator)
-        if fault and known_names(names) and not source.options.columns and (number, line) == numbered[-1 - bool(units)]:
-            raise InputError(f"{source.path}:line {number}{fault}")
-        if not fault and any(re.search(r"[^\W\d_]", name) for name in names):
-            return with_units([name or str(k) for k, name in enumerate(names, 1)], units), max(number, last if units else 0)
+        fits = len(names) == width and numbers_in(names) < 3
+        twice = [name for name in names if name and names.count(name) > 1]
+        if fits and not twice and any(re.search(r"[^\W\d_]", name) for name in names):
+            return with_units([name or str(k) for k, name in enumerate(names, 1)], units), max(number, last)
+        if any(role for role, _ in roles) and len(names) > 2 and not numbers_in(names) and not source.options.columns:
+            what = (
+                f"column {twice[0]}: this name occurs twice"
+                if fits
+                else f"names {len(names)} columns, but the rows have {width} cells"
+            )
+            cure = f"correct the header line, or give the columns by number: {_by_number(names if fits else [])}"
+            cure = _COMMAS if separator == "," and width == 2 * len(names) else cure
+            raise InputError(f"{source.path}:line {number}: {what}; {cure}")
+    # Without names above them, words such as t, a, b are names instead of units.
+    if len({*units}) == width:
+        return tuple(units), last
     return (*(("time",) if clock else ()), *map(str, range(1 + clock, width + 1))), None
+
+
+def _by_number(names: Sequence[str]) -> str:
+    """The option that gives the columns by number, with the units of their names, or an example of it."""
+    roles = [(*role_of(name), number) for number, name in enumerate(names, start=1)]
+    columns = {role: f"{role}_{unit}={number}".replace("_=", "=") for role, unit, number in reversed(roles) if role}
+    known = ",".join(columns[role] for role in ("time", *FORCE, *RATE) if role in columns)
+    return f"--columns {known}" if {*FORCE} <= {*columns} else COLUMNS_OPTION
 
 
 def known_names(cells: Sequence[str]) -> bool:
@@ -67,31 +90,20 @@ def known_names(cells: Sequence[str]) -> bool:
 
 
 def are_units(cells: Sequence[str]) -> bool:
-    """Whether all cells that are not empty are units, with or without brackets."""
-    return len(cells) > 2 and any(cells) and all(unit_of(cell.strip("[]() ")) for cell in cells if cell)
+    """Whether most cells that are not empty are units, with or without brackets."""
+    return 2 * sum(map(bool, map(_unit, cells))) > sum(map(bool, cells)) > 1
 
 
 def with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
-    """Names with the units of a line below them, which may end earlier."""
-    brackets = [f" [{unit.strip('[]() ')}]" if unit else "" for unit in units]
+    """Names with the units of a line below them, which may end earlier; other words of that line are ignored."""
+    brackets = [f" ({unit})" if (unit := _unit(cell)) else "" for cell in units]
     return tuple(name + unit for name, unit in zip(names, [*brackets, *[""] * len(names)], strict=False))
 
 
-def _fault(names: Sequence[str], width: int, separator: str) -> str:
-    """What is wrong with the names of the columns, with its remedy; empty for names."""
-    roles = {"_".join(filter(None, role_of(name))): number for number, name in reversed([*enumerate(names, start=1)])}
-    by_role = {role.partition("_")[0]: f"{role}={number}" for role, number in roles.items()}
-    known = ",".join(by_role[role] for role in ("time", *FORCE, *RATE) if role in by_role)
-    option = f"--columns {known}" if len(names) == width and {*FORCE} <= {*by_role} else COLUMNS_OPTION
-    twice = [name for name in names if name and names.count(name) > 1]
-    if len(names) == width and numbers_in(names) < 3 and twice:
-        return f", column {twice[0]}: this name occurs twice; remove one, or give the columns by number: {option}"
-    if len(names) == width or len(names) < 3 or numbers_in(names):
-        return "" if len(names) == width and numbers_in(names) < 3 else ": no names"
-    if separator == "," and width == 2 * len(names):
-        return f": {_COMMAS}"
-    words = f"names {len(names)} columns, but the rows have {width} cells; correct the header line"
-    return f": {words}, or give the columns by number: {option}"
+def _unit(cell: str) -> str:
+    """A unit without brackets around it; empty for no unit."""
+    unit = re.sub(r"^[\[(](.*)[\])]$", r"\1", cell.strip())
+    return unit if unit_of(unit) else ""
 
 
 def statements_in(before: Sequence[str], separator: str) -> dict[str, str]:
