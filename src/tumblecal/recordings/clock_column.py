@@ -1,11 +1,10 @@
 """The column of the clock of a recording, by its name or its dates, with its form and unit."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from tumblecal.data.column_names import parsed, role_of
 from tumblecal.ground.errors import InputError
@@ -16,15 +15,14 @@ from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
 
 
-_CELLS, _CLOCK_ROWS, _EQUAL_STEPS, _DEGC = 100, 1000, 0.8, (-60.0, 150.0)
+_CELLS, _CLOCK_ROWS = 100, 1000
 
 
 def clock_among(first: pl.DataFrame, free: Sequence[str]) -> Column | None:
-    """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words; then a
-    column t that rises in nearly equal steps, or any column with dates."""
+    """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words; then
+    any column with dates."""
     named = sorted((name for name in free if role_of(name)[0] == "time"), key=lambda name: parsed(name).foreign)
-    letters = [name for name in sorted(free, reverse=True) if is_letter_t(name)]  # t before T
-    numbers = {name: Column(name).numbers(first) for name in (*named, *letters)}
+    numbers = {name: Column(name).numbers(first) for name in named}
     dated = [name for name in free if first[name].dtype.is_temporal() or form_of(_texts(first[name].head(_CELLS)))]
     usable = [name for name in named if name in dated or (rises(numbers[name]) and not overflows(numbers[name]))]
     usable.sort(key=lambda name: not (parsed(name).unit or name in dated))
@@ -37,25 +35,27 @@ def clock_among(first: pl.DataFrame, free: Sequence[str]) -> Column | None:
     ]  # fmt: skip
     if whole and parts and {*usable} <= {whole[0], parts[0]}:
         return Column(parts[0], "s", "name", scales[parts[0]], whole=whole[0])
-    found = usable or named or [name for name in letters if name in dated or _is_even(numbers[name])] or dated
-    return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "values") if found else None
+    found = usable or named or dated
+    return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 
 
-def is_letter_t(name: str) -> bool:
-    """Whether a name is a `t` alone, also with the unit degree: the time or the temperature."""
-    meaning = parsed(name)
-    return meaning.stem == ("t",) and not meaning.axis and meaning.quantity in ("", "orientation")
-
-
-def is_temperature(values: NDArray[np.float64]) -> bool:
-    """Whether the numbers of a column t are no times: temperatures that also fall."""
-    return not rises(values) and bool((np.abs(values - np.mean(_DEGC)) < np.ptp(_DEGC) / 2).all())
-
-
-def _is_even(values: NDArray[np.float64]) -> bool:
-    """Whether numbers rise in nearly equal steps."""
-    steps = np.diff(values[np.isfinite(values)])
-    return rises(values) and float(np.mean(np.abs(steps / np.median(steps) - 1) <= 0.5)) >= _EQUAL_STEPS
+def letters_t(
+    first: pl.DataFrame, columns: Mapping[str, Column], free: Sequence[str], notes: list[str]
+) -> dict[str, Column]:
+    """The quantities of columns t and T: t is the time if it rises; others are the temperature if they do not rise, or the
+    time next to a temperature."""
+    found: dict[str, Column] = {}
+    letters = [name for name in free if parsed(name).stem == ("t",) and not parsed(name).axis and not role_of(name)[0]]
+    for name in sorted(letters, reverse=True):  # t before T
+        known, rising = {*columns, *found}, rises(Column(name).numbers(first))
+        role = "time" if rising and (name.strip()[0] == "t" or "temperature" in known) else "temperature"
+        if role in known or (role == "temperature" and rising):
+            notes.append(
+                f"column {name} is not used (to use it: --columns time={name} or --columns temperature={name})"
+            )
+        else:
+            found[role] = Column(name, "", "name")
+    return found
 
 
 def _texts(cells: pl.Series) -> list[str]:

@@ -13,7 +13,7 @@ from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
-from tumblecal.recordings.clock_column import clock_among, is_letter_t, is_temperature, with_unit
+from tumblecal.recordings.clock_column import clock_among, letters_t, with_unit
 from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, pairs
 from tumblecal.recordings.guesses import question
 from tumblecal.recordings.options import RecordingOptions
@@ -54,16 +54,7 @@ def layout_of(
     columns |= _singles(columns, free())
     if "time" not in columns and (clock := clock_among(first, free())):
         columns["time"] = clock
-    for name in filter(is_letter_t, free()):
-        if "temperature" not in columns and is_temperature(Column(name).numbers(first)):
-            columns["temperature"] = Column(name, "", "values")
-        else:
-            notes.append(
-                f"column {name} is not used (to use it: --columns time={name} or --columns temperature={name})"
-            )
-    for role in ("time", "temperature"):
-        if role in columns and columns[role].why == "values":
-            notes.append(f"column {columns[role].name} is the {role}, by its values; to override: --columns {role}=...")
+    columns |= letters_t(first, columns, free(), notes)
     if lacking := [role for role in FORCE if role not in columns]:
         words = f"{', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; name them"
         raise question(path, words, [COLUMNS_OPTION])
@@ -79,8 +70,8 @@ def layout_of(
         raise InputError(f"{path}: {words}")
     columns, per_g = with_units(table, columns, options, notes, *sizes, path=path)
     if "time" in columns:
-        clock = with_unit(table, first, columns.pop("time"), options, path, notes)
-        columns |= {"time": clock} if clock else {}
+        clock = with_unit(table, first, columns["time"], options, path, notes)
+        columns = {role: column for role, column in {**columns, "time": clock}.items() if column is not None}
     return Layout(columns, per_g, sizes[0], tuple(notes))
 
 

@@ -16,7 +16,6 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.formula_cells import column_from_text
 from tumblecal.ground.plain_text import CONTROLS
-from tumblecal.ground.text_file import shown
 from tumblecal.recordings.columns import Column, Layout
 from tumblecal.recordings.damage import DamageRecord
 from tumblecal.recordings.table import Table
@@ -40,11 +39,10 @@ _FEWEST_RUNS, _MOST_SINGLE = 50, 0.02
 
 @dataclass
 class Unread:
-    """Rows without a complete reading: their number, the places of the first, and why the first cannot be read."""
+    """Rows without a complete reading: their number, and the places of the first."""
 
     rows: int = 0
     places: list[int] = field(default_factory=list)
-    why: str = ""
 
 
 def names_of(layout: Layout) -> dict[str, str]:
@@ -94,8 +92,6 @@ def sample_frames(
         seen += len(piece)
         if not whole.all():
             lost = (~whole).arg_true()
-            cells = piece.select(columns[role].name for role in needed).row(lost[0])
-            unread.why = unread.why or f"has {shown(', '.join(map(str, cells)))}"
             unread.places += places.gather(lost[: _SHOWN - len(unread.places)]).to_list()
             unread.rows += len(lost)
             # Rows of erased memory have no number at all.
@@ -106,12 +102,12 @@ def sample_frames(
             if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and not blank:
                 raise InputError(
                     f"{path}:{table.row_word} {unread.places[0]}: {unread.rows} of {seen} rows cannot be read as "
-                    f"{', '.join(wanted)}; the first {unread.why}. Give the columns of the quantities by --columns"
+                    f"{', '.join(wanted)}. Give the columns of the quantities by --columns"
                 )
         source = [piece.select(more).to_struct(SOURCE_COLUMNS)] if more else []
         yield frame.with_columns(whole.alias(WHOLE), places.alias(ROW), *source)
     if unread.rows == seen:
-        raise InputError(f"{path}: no rows with a complete reading{f'; the first {unread.why}' if seen else ''}")
+        raise InputError(f"{path}: no row has a number in each of {', '.join(wanted)}")
 
 
 def _label(name: str) -> pl.Expr:

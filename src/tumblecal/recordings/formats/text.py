@@ -61,32 +61,31 @@ def _read(source: Source) -> list[Table]:
         return [text_table(source, *layout_of_kind(path, written, kind, separator), kind.lstrip("$")) for kind in kinds]
     lines = [clock.line(line) for line in written] if clock else written
     rows = [[] if comment_in(line) is not None else row_of(line, separator) for line in lines]
-    (width, count), *_ = [*Counter(len(row) for row in rows if numbers_in(row) >= 3).most_common(1), (0, 0)]
-    if count < min(_FEWEST_LINES, len(body) - 1) and (table := _of_axes(source, rows, separator)):
-        return [table]
-    good = [row for row in rows if len(row) == width and numbers_in(row) >= 3]
-    # A column of numbers has them in most rows; lines before the rows have other cells in some of these columns.
+    good = [row for row in rows if numbers_in(row) >= 3]
+    width = Counter(map(len, good)).most_common(1)[0][0] if good else 0
+    good = [row for row in good if len(row) == width]
+    if len(good) < min(_FEWEST_LINES, len(body) - 1):
+        if table := _of_axes(source, rows, separator):
+            return [table]
+        good = []
+    # Lines before the rows have words in some columns of numbers.
     numeric = [k for k, cells in enumerate(zip(*good, strict=True)) if 2 * numbers_in(cells) > len(good)]
+    numbers = [
+        len(row) in (width, width - 1) and numbers_in([row[k] or "0" for k in numeric if k < len(row)]) for row in rows
+    ]
+    first = next(
+        (k for k, count in enumerate(numbers) if good and count >= len(numeric) - (len(rows[k]) < width)), len(rows)
+    )
     # A last column may be empty in all rows.
     named = {len(row) for row in rows if known_names(row)}
-    ends = all(line.rstrip(" ").endswith(separator) for line, row in zip(lines, rows, strict=True) if row in good[-9:])
-    wider = width not in named and width + 1 in named and separator != " " and ends
-    are_rows = [
-        len(row) in (width, width - 1) and numbers_in(row) >= 3
-        and not any(row[k] and not numbers_in([row[k]]) for k in numeric if k < len(row))
-        for row in rows
-    ]  # fmt: skip
-    if count < min(_FEWEST_LINES, len(body) - 1) or not any(are_rows):
-        width = 0
-    first = are_rows.index(True) if width else len(rows)
-    names, header = (
-        header_of(source, written[:first], separator, width + wider, clock=bool(clock)) if width else ((), None)
-    )
+    ends = separator != " " and all(line.rstrip(" ").endswith(separator) for line in middle)
+    columns = width + (ends and width not in named and width + 1 in named)
+    names, header = header_of(source, written[:first], separator, columns, clock=bool(clock)) if good else ((), None)
     labels = any(len({*cells}) == 1 and role_of(cells[0])[0] for cells in zip(*good, strict=True))
-    between_words = not width or (header is None and not clock and (has_words(good) or labels))
+    between_words = header is None and not (good and clock) and (not good or has_words(good) or labels)
     if between_words and (forms := word_forms(middle)):
         return [_of_form(source, written, form, name if len(forms) > 1 else "") for name, form in forms.items()]
-    if not width:
+    if not good:
         cells = row_of((body or [""])[0], separator)
         raise InputError(
             f"{path}: text without rows of three or more numbers; its first line {shown((body or [''])[0])} has "
