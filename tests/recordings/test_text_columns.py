@@ -114,7 +114,7 @@ FAULTS = [
     ("t,ax,ay,az", GOOD[1], {"rows": "sensor=1"}, "--rows sensor=1: no such column; the table has t, ax, ay, az"),
     ("t,ax_g,ay_mg,az_g", GOOD[1], {}, "ax_g, ay_mg, az_g are in different units; give the three axes in one unit"),
     ("t,ax_g,ax_g,az_g", GOOD[1], {}, "line 1: column ax_g: this name occurs twice; correct the header line, or give"),
-    ("t,ax,ay,az", "0,{k},0,10,0,20,0,97", {}, "line 1: names 4 columns, but the rows have 8 cells; write decimal points, or semicolons"),
+    ("t,ax,ay,az", "0,{k},0,10,0,20,0,97", {}, "line 1: names 4 columns, but the rows have 8 cells; write decimal"),
     ("ax,ay,az,temp", "{k},0.1,0.2,0.97,25.0", {}, "line 1: names 4 columns, but the rows have 5 cells; correct the header"),
     ("ax ay az", "-5,59 8,8{d} 7,05", {}, "line 2, column ax: '-5,59': no number; its comma may be decimal: --decimal comma"),
     ("time,ax,ay,az", "{k},{u},0.97", {}, "log.csv: no row has a number in each of ax, ay, az"),

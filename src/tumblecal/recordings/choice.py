@@ -134,7 +134,7 @@ def chosen(
 def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
     """Neighbouring columns whose values may be accelerations, most likely first: constant lengths of about gravity."""
     values = readings(columns)
-    falling = (np.diff(values, axis=0) < 0).any(0)
+    falling = np.any(np.diff(values, axis=0) < 0, axis=0)
     found = [
         Triple(tuple(columns[first : first + 3]), Name(), *size_of(values[:, first : first + 3]))
         for first in range(len(columns) - 2)

@@ -45,8 +45,7 @@ def stated_unit(text: str, option: str) -> tuple[str, float | None]:
     plain = text.lower().replace(" ", "")
     counts = re.fullmatch(rf"(?:lsb|counts)?([0-9.]+(?:e[+-]?\d+)?)(?:lsb|counts?)?/{of}", plain)
     if plain not in known and not counts and plain not in ("counts", "lsb"):
-        units = ", ".join(AS_OPTION.get(unit, unit) for unit in dict.fromkeys(known.values()))
-        raise InputError(f"{option} {text}: not a unit; write {units}, or counts such as 16384/{of}")
+        raise InputError(f"{option} {text}: not a unit; write {', '.join(known)}, or counts such as 16384/{of}")
     return known.get(plain, "counts"), float(counts[1]) if counts else None
 
 
