@@ -14,7 +14,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
 from tumblecal.recordings.clock_column import clock_among, letters_t, with_unit
-from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, pairs
+from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, is_number, pairs
 from tumblecal.recordings.guesses import question
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
@@ -116,15 +116,16 @@ def _readable(
 
 def _scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[str, Column]:
     """The columns with the scales, offsets and bits of the options."""
-    bits = {"bits": options.signed or 0}
-    found = {role: replace(column, **bits) if role in (*FORCE, *RATE) else column for role, column in columns.items()}
+    found = dict(columns)
+    for role in filter(found.__contains__, (*FORCE, *RATE)):
+        found[role] = replace(found[role], bits=options.signed or 0)
     for option, text in (("scale", options.scale), ("offset", options.offset)):
         given = pairs(text, f"--{option}") if "=" in text else dict.fromkeys(FORCE, text) if text else {}
         for role, number in given.items():
-            value = pl.Series([number]).cast(pl.Float64, strict=False)[0]
+            value = float(number) if is_number(number) else np.nan
             if role not in found:
                 raise InputError(f"--{option}: {role} is not among the columns; there are {', '.join(columns)}")
-            if value is None or not np.isfinite(value) or (option == "scale" and not value):
+            if not np.isfinite(value) or (option == "scale" and not value):
                 raise InputError(
                     f"--{option} {text}: not a finite number (a scale: other than 0); write 0.5, or ax=0.5,ay=0.4"
                 )
