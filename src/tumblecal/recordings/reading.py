@@ -10,7 +10,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.sample_table import write_frames
-from tumblecal.data.column_names import LABELS
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.recordings.clock import DAY_S, LONGEST_STEP_S
@@ -19,7 +18,7 @@ from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.opening import opened
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.rows import WHOLE, left_out, names_of, sample_frames
+from tumblecal.recordings.rows import WHOLE, left_out, sample_frames, schema_of
 
 
 # Share of the steps of a regular clock that are within a quarter of the usual one; rows of a local rate.
@@ -43,7 +42,7 @@ def read_recording(
     """
     recording = opened(path, options, by, in_g=in_g)
     table, layout, begin = recording.table, recording.layout, list[float]()
-    schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in names_of(layout).values()})
+    schema = schema_of(layout)
     with scratch_folder(path) as folder, guessed(layout.notes):
         rows = folder / "rows.parquet"
         frames = sample_frames(table, layout, str(recording.path), recording.unread, begin)

@@ -53,6 +53,11 @@ def names_of(layout: Layout) -> dict[str, str]:
     return {role: names.get(role, role) for role in order if role in layout.columns}
 
 
+def schema_of(layout: Layout) -> pl.Schema:
+    """The columns of the samples, in order: labels are texts, others numbers."""
+    return pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in names_of(layout).values()})
+
+
 def sample_frames(
     table: Table, layout: Layout, path: str, unread: Unread, begin: list[float], more: Sequence[str] = ()
 ) -> Iterator[pl.DataFrame]:

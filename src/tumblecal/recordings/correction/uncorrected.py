@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.column_names import FORCE, LABELS
+from tumblecal.data.column_names import FORCE
 from tumblecal.data.named_layout import readings_among
 from tumblecal.data.raw import Raw, column_names, header_of, opened_raw
 from tumblecal.data.text_layout import ROW
@@ -16,7 +16,7 @@ from tumblecal.recordings.description import SUFFIX
 from tumblecal.recordings.opening import opened
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.rows import WHOLE, Unread, names_of, sample_frames
+from tumblecal.recordings.rows import WHOLE, Unread, sample_frames, schema_of
 
 
 # The comment with the scale of counts; corrected readings are in g.
@@ -71,12 +71,11 @@ def uncorrected(
         return sample_frames(table, layout, str(source), Unread(), [], more)
 
     lost = [frame.filter(~pl.col(WHOLE))[ROW].to_numpy() for frame in frames(())]
-    schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in names_of(layout).values()})
     axes = [layout.columns[axis] for axis in FORCE]
     unchanged = table.sheet and all(axis.scale == 1 and axis.offset == 0 for axis in axes)
     dropped = () if unchanged else (COUNTS, "imported_from")
     comments = {key: value for key, value in recording.comments.items() if key not in dropped and key in table.stated}
-    header = replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word)
+    header = replace(header_of(source, schema_of(layout).to_frame(), comments), row_word=table.row_word)
     more = table.columns if table.sheet else ()
     kinds = next(iter(table.pieces(more))).select(more).schema if more else None
     names = tuple(axis.name for axis in axes) if more else ()
