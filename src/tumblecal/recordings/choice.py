@@ -17,6 +17,8 @@ from tumblecal.recordings.units import PER_G, may_be_gravity, size_of
 # Lengths that change less are computed (a unit vector); sizes below this share of gravity have none.
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
 _MOST_SHOWN, _MOST_COLUMNS = 4, 40
+# Dispersions of lengths within this factor are equal.
+_ALIKE = 2.0
 _WITHOUT = (
     "accelerations along axes of the Earth, or without the size of gravity: no calibration is possible from them. Record the "
     "sensor's readings, or use these all the same"
@@ -90,6 +92,8 @@ def chosen(
     if len(named) == 1 and named[0].name.state in ("raw", "", "processed"):
         # Readings far from the size of gravity may be of any unit, but not without gravity.
         body = body if named[0].size < _LEAST_GRAVITY * PER_G.get(named[0].name.unit, 1.0) else named
+    # A linear acceleration is without gravity if there is another one; alone it is the name of the readings (ROS).
+    body = [one for one in body if one.name.state != "linear"] or body
     several = len({one.name.sensor for one in body}) > 1 or (not named and len(body) > 1)
     if several or not body:
         single, more = [name for name in free if parsed(name).quantity == "acceleration"], ""
@@ -140,4 +144,6 @@ def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
         for first in range(len(columns) - 2)
         if falling[first : first + 3].all()
     ]
-    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion))
+    # At one attitude, neighbours of the axis along gravity are as constant as the three axes: the first columns are proposed.
+    least = min((one.dispersion for one in found if one.with_gravity), default=0.0)
+    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion > _ALIKE * least))

@@ -21,7 +21,7 @@ DAY_S = 86400
 # A longer step of time, or one backwards, is a gap: no interval extends across it.
 LONGEST_STEP_S = 0.5
 _TIME = (
-    r"(?P<hour>\d{1,3}):(?P<minute>[0-5]\d):(?P<second>[0-5]\d(?:[.,:]\d*)?)"
+    r"(?P<hour>\d{1,3}):(?P<minute>[0-5]?\d):(?P<second>[0-5]?\d(?:[.,:]\d*)?)"
     r"\s*(?P<half>[AaPp])?\.?(?:[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?\s*$"
 )
 _DAY, _MONTH, _YEAR = r"(?P<day>\d{1,2})", r"(?P<month>\d{1,2})", r"(?P<year>\d{4}|\d\d)"

@@ -1,5 +1,6 @@
 """Text: rows between separators, or lines with words around their numbers; what the lines before the rows state."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -22,6 +23,8 @@ _HEAD, _LINES, _FEWEST_LINES, _TEXT_SHARE = 1 << 16, 200, 2, 0.95
 # The first two rows of Empatica files: the time, s since 1970, and the rate, Hz, each in all columns.
 _LEAST_MOMENT_S = 1e9
 _ROLES = {"SampleTimeFine": "time_100us"}
+# A cell without a number, as loggers write it.
+_MISSING = re.compile(r"^(\W{0,3}|nan|null|none|n/?a)$", re.IGNORECASE)
 _DECIMAL_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
 
 
@@ -71,16 +74,24 @@ def _read(source: Source) -> list[Table]:
     # Lines before the rows have words in some columns of numbers.
     numeric = [k for k, cells in enumerate(zip(*good, strict=True)) if 2 * numbers_in(cells) > len(good)]
     numbers = [
-        len(row) in (width, width - 1) and numbers_in([row[k] or "0" for k in numeric if k < len(row)]) for row in rows
+        len(row) in (width, width - 1) and numbers_in([_MISSING.sub("0", row[k]) for k in numeric if k < len(row)])
+        for row in rows
     ]
     first = next(
-        (k for k, count in enumerate(numbers) if good and count >= len(numeric) - (len(rows[k]) < width)), len(rows)
+        (
+            k
+            for k, count in enumerate(numbers)
+            if good and numbers_in(rows[k]) >= 3 and count >= len(numeric) - (len(rows[k]) < width)
+        ),
+        len(rows),
     )
     # A last column may be empty in all rows.
     named = {len(row) for row in rows if known_names(row)}
     ends = separator != " " and all(line.rstrip(" ").endswith(separator) for line in middle)
     columns = width + (ends and width not in named and width + 1 in named)
-    names, header = header_of(source, written[:first], separator, columns, clock=bool(clock)) if good else ((), None)
+    filled = max((k for row in good for k, cell in enumerate(row, start=1) if cell), default=0)
+    widths = (columns, columns if clock else filled)
+    names, header = header_of(source, written[:first], separator, *widths, clock=bool(clock)) if good else ((), None)
     labels = any(len({*cells}) == 1 and role_of(cells[0])[0] for cells in zip(*good, strict=True))
     between_words = header is None and not (good and clock) and (not good or has_words(good) or labels)
     if between_words and (forms := word_forms(middle)):

@@ -25,18 +25,24 @@ _LABEL = re.compile(r"\W*(headers?|columns?|cols?|fields?|names?)\W*", re.IGNORE
 _KNOWN = {
     "Device Type,GENEActiv": ("time", "x (g)", "y (g)", "z (g)", "light (lux)", "button", "temperature (degC)"),
 }  # fmt: skip
+# Quantities that no other column replaces if two columns have the same name.
+_NEEDED = (*FORCE, *RATE, "time")
 _COMMAS = (
     "write decimal points, or semicolons between cells: commas between cells are indistinguishable from decimal commas"
 )
 
 
 def header_of(
-    source: Source, before: Sequence[str], separator: str, width: int, *, clock: bool
+    source: Source, before: Sequence[str], separator: str, width: int, filled: int, *, clock: bool
 ) -> tuple[tuple[str, ...], int | None]:
     """Names of the columns, with the units of a line below them, and the last of these lines; numbers if no line has names.
 
-    **Raises:** `InputError` for a line that names more or fewer columns than the rows have, or one of them twice, unless
-    the user gives the columns by number.
+    **Arguments:**
+
+    - `width`: cells of a row. `filled`: of these up to the last one that is not empty in all rows; the others need no name.
+
+    **Raises:** `InputError` for a line that names more or fewer columns than the rows have, or two accelerations or clocks
+    alike, unless the user gives the columns by number. Other columns with one name for several have their numbers instead.
     """
     for line, names in _KNOWN.items():
         if any(text.startswith(line) for text in before) and len(names) == width:
@@ -57,7 +63,13 @@ def header_of(
         if not last and are_units(names):
             units, last = names, number
             continue
+        if filled <= len(names) < width:
+            names = [*names, *[""] * (width - len(names))]
         fits = len(names) == width and numbers_in(names) < 3
+        unclear = [
+            bool(numbers_in([name])) or (names.count(name) > 1 and role_of(name)[0] not in _NEEDED) for name in names
+        ]
+        names = ["" if left_out else name for left_out, name in zip(unclear, names, strict=True)]
         twice = [name for name in names if name and names.count(name) > 1]
         if fits and not twice and any(re.search(r"[^\W\d_]", name) for name in names):
             return with_units([name or str(k) for k, name in enumerate(names, 1)], units), max(number, last)
