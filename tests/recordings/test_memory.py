@@ -66,7 +66,9 @@ def test_an_hdf5_file_reads_no_other_file(tumblecal, tmp_path: Path, kind: str) 
             file["ax"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "ax")
         file["ay"], file["az"] = np.zeros(100), np.full(100, 0.8)
     outcome = tumblecal("import", tmp_path / "log.h5", "--rate", "100", "--out", tmp_path / "out.csv")
-    words = "only ay, az" if kind == "external link" else "the values of ax are in another file, which is not read"
+    words = (
+        "the columns 'ay, az'" if kind == "external link" else "the values of ax are in another file, which is not read"
+    )
     assert outcome.code == 2 and words in outcome.lines[0] and not (tmp_path / "out.csv").exists()
 
 

@@ -78,3 +78,32 @@ def test_several_attitudes_show_the_size_of_gravity_more_closely(tmp_path, attit
     rows = size * np.repeat(directions, 100, axis=0) + rng.normal(size=(100 * attitudes, 3))
     log = text(tmp_path / "log.csv", "accX,accY,accZ", rows)
     assert read_recording(log, rate=100.0).layout.unit == unit
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "first"),
+    [
+        ("time,accX,accY,accZ,gone", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},,,", ""),  # columns that are empty in all rows
+        ("time,accX,accY,accZ,Temp [C],Temp [C]", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},20,21", ""),  # a name twice
+        ("time,accX,accY,accZ,OBD", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},7.5", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},-"),
+        ("time,accelerometer_x,accelerometer_y,accelerometer_z,linear_acceleration_x,linear_acceleration_y,"
+         "linear_acceleration_z", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},{x:.4f},{y:.4f},{z:.4f}", ""),
+        ("time,accX,accY,accZ", "2025-8-11 23:1:{t:.2f},{x:.4f},{y:.4f},{z:.4f}", ""),  # no leading zeros
+        ("time,accX,accY,accZ", "  {t:.2f},  {x:.4f}, {y:.4f},  {z:.4f}", ""),
+    ],
+)  # fmt: skip
+def test_what_loggers_write_needs_no_question(tmp_path, force, header, row, first):
+    lines = [
+        (first if first and k < 5 else row).format(t=k / 50, x=x, y=y, z=z)
+        for k, (x, y, z) in enumerate(force.tolist())
+    ]
+    (tmp_path / "log.csv").write_text("\n".join([header, *lines]) + "\n")
+    recording = read_recording(tmp_path / "log.csv")
+    assert recording.rows == 300 and recording.rate_hz == pytest.approx(50.0, rel=0.01)
+    np.testing.assert_allclose(recording.frame().select("^a[xyz].*$").collect().to_numpy(), force, atol=1e-4)
+    assert recording.layout.columns["ax"].name == header.split(",")[1]
+
+
+def test_millimetres_a_second_squared_are_no_counts(tmp_path, force):
+    log = text(tmp_path / "log.csv", "time,accX,accY,accZ", np.column_stack([np.arange(300) / 400, 9780 * force]))
+    assert read_recording(log).layout.per_g == 9806.65

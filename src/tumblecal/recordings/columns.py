@@ -1,4 +1,4 @@
-"""The columns of a recording with their quantities and units: by option, by the format, or by name."""
+"""The columns of a recording with their quantities and units, as options and formats state them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,10 +21,9 @@ RATE_KEYS = (
     *("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency"),
     *("update_rate", "output_rate", "measurement_frequency"),
 )
-
-
 # The option that names the columns of the accelerations, for messages.
 COLUMNS_OPTION = "--columns ax=...,ay=...,az=..."
+_KINDS = dict.fromkeys(FORCE, "acceleration") | dict.fromkeys(RATE, "rate")
 
 
 @dataclass(frozen=True)
@@ -47,33 +46,31 @@ class Column:
     whole: str = ""
     bits: int = 0
 
-    def reading(self, table: Table) -> pl.Expr:
+    def reading(self) -> pl.Expr:
         """The readings, or the seconds of a clock; null for a cell that is no number."""
         if self.form:
             return seconds_of(self.name, self.form, self.offset)
-        values = number(self.name, table)
+        values, whole = (pl.col(name or self.name).cast(pl.Float64, strict=False) for name in (self.name, self.whole))
         if self.bits:
             values = values - 2.0**self.bits * (values >= 2.0 ** (self.bits - 1))
         values = (values - self.offset) * self.scale
-        return values + number(self.whole, table) if self.whole else values
+        return values + whole if self.whole else values
 
-    def numbers(self, table: Table, frame: pl.DataFrame) -> NDArray[np.float64]:
+    def numbers(self, frame: pl.DataFrame) -> NDArray[np.float64]:
         """The readings of some rows, (n,); NaN for cells that are no number, or too large for any quantity."""
-        values = frame.select(self.reading(table)).to_series().to_numpy()
+        values = frame.select(self.reading()).to_series().to_numpy()
         return np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan)
-
-
-def number(name: str, table: Table) -> pl.Expr:
-    """The numbers of a column; null for other cells."""
-    if table.decimal == ",":
-        return pl.col(name).cast(pl.String).str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
-    return pl.col(name).cast(pl.Float64, strict=False)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The columns of a table by quantity; `per_g`: counts for one g, if readings are counts and it is known; `size` of gravity
-    in the readings; `notes`: what was assumed, with the options that override it."""
+    """The columns of a table by quantity.
+
+    **Arguments:**
+
+    - `per_g`: counts for one g, if readings are counts and it is known. `size`: of gravity in the readings.
+    - `notes`: what was assumed, with the options that override it.
+    """
 
     columns: Mapping[str, Column]
     per_g: float | None
@@ -92,27 +89,24 @@ def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
     **Raises:** `InputError` for an unknown quantity, or a column that does not exist.
     """
     columns: dict[str, Column] = {}
+    names = table.columns
     for role, given in pairs(options.columns, "--columns").items():
         quantity, unit = exact_role(role) or ("", "")
-        option = f"--columns {role}={given}"
-        if not quantity:
-            raise InputError(f"{option}: no such quantity; there are {', '.join(QUANTITIES)}")
-        at = int(given) if given.isdecimal() and given not in table.columns else 0
-        name = table.columns[at - 1] if 1 <= at <= len(table.columns) else given
-        if name not in table.columns:
-            raise InputError(f"{option}: no such column; the recording has {shown(', '.join(table.columns))}")
-        if other := next((other for other, column in columns.items() if column.name == name or other == quantity), ""):
+        by_number = given.isdecimal() and given not in names and 1 <= int(given) <= len(names)
+        name = names[int(given) - 1] if by_number else given
+        if not quantity or name not in names or quantity in columns or name in {one.name for one in columns.values()}:
             raise InputError(
-                f"{option}: column {columns[other].name} is {other} already; name another column for each quantity"
+                f"--columns {role}={given}: give each quantity one column, and no column twice. Quantities: "
+                f"{', '.join(QUANTITIES)}; columns of the recording: {shown(', '.join(names))}"
             )
         named, named_unit = exact_role(table.roles.get(name, "")) or role_of(name)
-        same_kind = named == quantity or any({named, quantity} <= {*roles} for roles in (FORCE, RATE))
-        columns[quantity] = Column(name, unit or (named_unit if same_kind else ""), "option")
+        same = _KINDS.get(named, named) == _KINDS.get(quantity, quantity)
+        columns[quantity] = Column(name, unit or (named_unit if same else ""), "option")
     used = {column.name for column in columns.values()}
     for name, text in table.roles.items():
         role, unit = exact_role(text) or ("", "")
-        if role and role not in columns and name in table.columns and name not in used:
-            columns[role] = Column(name, unit, "format")
+        if role and name in names and name not in used:
+            columns.setdefault(role, Column(name, unit, "format"))
     return columns
 
 
@@ -123,19 +117,22 @@ def pairs(text: str, option: str) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for part in filter(None, text.split(",")):
-        key, equals, value = (word.strip() for word in part.partition("="))
-        if not equals or not value:
-            raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ")
-        if found.setdefault(key, value) != value:
-            raise InputError(f"{option} {text}: {key} is given twice; keep one")
+        key, _, value = (word.strip() for word in part.partition("="))
+        if not value or found.setdefault(key, value) != value:
+            raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ, with each key once")
     return found
 
 
 def stated_rate(table: Table) -> float | None:
     """The sample rate that the source states, Hz."""
-    for key in RATE_KEYS:
-        try:
-            return float(table.stated[key].lower().removesuffix("hz"))
-        except (KeyError, ValueError):
-            continue
-    return None
+    stated = [table.stated[key].lower().removesuffix("hz") for key in RATE_KEYS if key in table.stated]
+    return next((float(text) for text in stated if is_number(text)), None)
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tumblecal.data.column_names import RATE
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.clock import TIME_S
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.units import AS_OPTION
 
@@ -39,9 +40,9 @@ def described(path: Path, options: RecordingOptions) -> tuple[Path, RecordingOpt
     stated: dict[str, Any] = {key: value for key, value in content.items() if key not in ("schema", "file", "source")}
     if isinstance(stated.get("columns"), dict):
         stated["columns"] = ",".join(f"{role}={name}" for role, name in stated["columns"].items())
+    numbers = {"signed": int, "rate": (int, float), "range_g": (int, float)}
     for key, value in stated.items():
-        kind = int if key == "signed" else (int, float) if key in ("rate", "range_g") else str
-        if key not in known or not isinstance(value, kind) or isinstance(value, bool):
+        if key not in known or not isinstance(value, numbers.get(key, str)) or isinstance(value, bool):
             raise InputError(f"{path}: key {key}: unknown, or not of its type; keys: {', '.join(known)}")
     given = {key: value for key, value in asdict(options).items() if value != known[key].default}
     return path.parent / content["file"], replace(RecordingOptions(), **{**stated, **given})
@@ -49,37 +50,33 @@ def described(path: Path, options: RecordingOptions) -> tuple[Path, RecordingOpt
 
 def items_of(recording: "Recording") -> dict[str, tuple[object, object]]:
     """The options that state all that was found in a recording, and the source of each, in words."""
-    layout, options = recording.layout, recording.options
-    order = recording.table.columns
+    layout, order = recording.layout, recording.table.columns
     columns = {
         role: str(order.index(column.name) + 1) if {",", "="} & {*column.name} else column.name
         for role, column in layout.columns.items()
     }
     items: dict[str, tuple[object, object]] = {
-        "columns": (columns, {role: column.why for role, column in layout.columns.items()})
+        "columns": (columns, {role: c.why for role, c in layout.columns.items()})
     }
     if recording.table.name:
         items["topic"] = recording.table.name, "accelerations and most rows"
-    unit = layout.unit if layout.unit != "counts" else f"{layout.per_g:g}/g" if layout.per_g else ""
-    if unit:
-        by_size = layout.columns["ax"].why.endswith("size")
-        items["unit"] = AS_OPTION.get(unit, unit), "the size of gravity" if by_size else "file"
-    rates = {layout.columns[role].unit for role in RATE if role in layout.columns} & {"dps", "rads"}
-    if rates:
-        unit = rates.pop()
-        items["gyro_unit"] = AS_OPTION.get(unit, unit), "file"
     clock = layout.columns.get("time")
+    in_counts = f"{layout.per_g:g}/g" if layout.per_g else ""
+    units = {"unit": ("ax", in_counts if layout.unit == "counts" else layout.unit)}
+    if rates := [role for role in RATE if role in layout.columns and layout.columns[role].unit in ("dps", "rads")]:
+        units["gyro_unit"] = rates[0], layout.columns[rates[0]].unit
     if clock and not clock.form and not clock.whole:
-        by = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
-        if clock.scale in by:
-            by_rate = any("time unit guessed" in note for note in layout.notes)
-            items["time_unit"] = by[clock.scale], "the rate that it gives" if by_rate else "file"
-    elif recording.rate_hz and not clock:
+        units["time_unit"] = (
+            "time",
+            {scale: unit for unit, scale in TIME_S.items() if unit != "100us"}.get(clock.scale, ""),
+        )
+    for name, (role, unit) in units.items():
+        if unit:
+            items[name] = AS_OPTION.get(unit, unit), layout.columns[role].why.partition("; unit: ")[2] or "file"
+    if recording.rate_hz and not clock:
         items["rate"] = recording.rate_hz, "file"
-    for name, value in asdict(options).items():
-        if value and name != "columns":
-            items[name] = value, "option"
-    return items
+    given = {name: value for name, value in asdict(recording.options).items() if value and name != "columns"}
+    return items | {name: (value, "option") for name, value in given.items()}
 
 
 def write_description(recording: "Recording", path: Path) -> None:

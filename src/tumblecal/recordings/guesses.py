@@ -1,9 +1,14 @@
-"""Guesses about a recording are attached to a fault that may follow from them; the command line prints them first."""
+"""Questions about a recording, and the guesses that are printed with them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from tumblecal.ground.errors import InputError
+
+
+def question(path: object, words: str, options: Iterable[str]) -> InputError:
+    """The fault of a recording that does not state an item, with the options that state it."""
+    return InputError(": ".join(filter(None, [str(path), words, " or ".join(options)])))
 
 
 @contextmanager

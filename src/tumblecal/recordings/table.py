@@ -36,9 +36,9 @@ class Table:
     - `roles`: quantities that the format defines, with their units: `{"linear_acceleration.x": "ax_ms2"}`.
     - `per_unit`: counts for one g (`a`) or one deg/s (`g`), if the format defines them.
     - `stated`: other statements of the source, `key: value`. `words`: the table in words.
-    - `row_word`: what a row is called in a fault. `header`: the line with the names of the columns, from 1.
+    - `row_word`: what a row is called in a fault.
     - `sheet`: whether it is the only table of a file, with named columns; a corrected copy then retains all columns.
-    - `decimal`: the decimal mark of cells of text. `zero_s`: the clock of the source, s, at time zero; known after reading.
+    - `zero_s`: the clock of the source, s, at time zero; known after reading.
     """
 
     name: str
@@ -50,9 +50,7 @@ class Table:
     stated: Mapping[str, str] = field(default_factory=dict)
     words: str = ""
     row_word: str = "row"
-    header: int | None = None
     sheet: bool = False
-    decimal: str = "."
     zero_s: Callable[[], float] = lambda: 0.0
 
     def plain(self) -> "Table":

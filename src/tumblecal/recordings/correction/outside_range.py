@@ -27,17 +27,10 @@ class OutsideRange:
     def add(self, degc: Float[np.ndarray, " rows"], rows: Int[np.ndarray, " rows"]) -> None:
         """Count the temperatures of a piece; `rows`: the number of each row."""
         self.rows += len(degc)
-        beyond = self.curves.beyond(degc)
-        if not np.any(beyond):
-            return
-        self.at.add(rows[beyond])
-        farthest = degc[np.argmax(self._distance(degc))]
-        if self.farthest_degc is None or self._distance(farthest) > self._distance(self.farthest_degc):
-            self.farthest_degc = float(farthest)
-
-    def _distance(self, degc: np.ndarray | float) -> np.ndarray:
-        low, high = self.curves.range_degc
-        return np.maximum(low - np.asarray(degc), np.asarray(degc) - high)
+        if (beyond := self.curves.beyond(degc)).any():
+            self.at.add(rows[beyond])
+            known = degc if self.farthest_degc is None else np.append(self.farthest_degc, degc)
+            self.farthest_degc = float(known[np.argmax(np.abs(known - np.clip(known, *self.curves.range_degc)))])
 
     @property
     def _counted(self) -> str:
@@ -52,10 +45,8 @@ class OutsideRange:
         **Raises:** `InputError` with their number, the range and the remedy.
         """
         if self.farthest_degc is not None:
-            raise InputError(
-                f"{source}: {self._counted}, where {calibration} was not measured; remove these rows, or give --extrapolate "
-                "to correct them with a larger uncertainty"
-            )
+            cure = "remove these rows, or give --extrapolate to correct them with a larger uncertainty"
+            raise InputError(f"{source}: {self._counted}, where {calibration} was not measured; {cure}")
 
     def words(self) -> Iterator[str]:
         """The warning on extrapolated rows, with the standard uncertainties at the farthest temperature."""
@@ -64,14 +55,13 @@ class OutsideRange:
         end = float(np.clip(self.farthest_degc, *self.curves.range_degc))
         here, at_end = self.curves.sd(np.array([self.farthest_degc, end]))
         followed = [SENSOR.index(curve.parameter) for curve in self.curves.curves if curve.functions.count]
+        # The largest of each kind of parameter.
+        largest = {leaf_of(SENSOR[k]): k for k in sorted(followed, key=lambda place: here[place])}
         sizes = []
-        for leaf in GROUPS:
-            if places := [k for k in followed if leaf_of(SENSOR[k]) == leaf]:
-                k = max(places, key=lambda place: here[place])
-                unit, scale = shown(GROUPS[leaf][1])
-                sizes.append(
-                    f"{in_words(f'{here[k] * scale:.2g}', unit)} for {SENSOR[k]} ({at_end[k] * scale:.2g} at {end:.4g} degC)"
-                )
+        for leaf in sorted(largest, key=[*GROUPS].index):
+            k, (unit, scale) = largest[leaf], shown(GROUPS[leaf][1])
+            size = in_words(f"{here[k] * scale:.2g}", unit)
+            sizes.append(f"{size} for {SENSOR[k]} ({at_end[k] * scale:.2g} at {end:.4g} degC)")
         yield (
             f"extrapolated: {self._counted}. The largest standard uncertainties there are {', '.join(sizes)}, if the "
             "dependence on temperature continues"

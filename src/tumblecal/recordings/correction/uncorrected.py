@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.column_names import FORCE, LABELS
+from tumblecal.data.column_names import FORCE
 from tumblecal.data.named_layout import readings_among
 from tumblecal.data.raw import Raw, column_names, header_of, opened_raw
 from tumblecal.data.text_layout import ROW
@@ -16,7 +16,7 @@ from tumblecal.recordings.description import SUFFIX
 from tumblecal.recordings.opening import opened
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.rows import WHOLE, Unread, names_of, sample_frames
+from tumblecal.recordings.rows import WHOLE, Unread, sample_frames, schema_of
 
 
 # The comment with the scale of counts; corrected readings are in g.
@@ -66,31 +66,26 @@ def uncorrected(
     needed = () if calibration is None else [name.partition("_")[0] for name in calibration.columns_needed]
     recording = opened(source, options, in_g=True, only=(*FORCE, *needed))
     table, layout = recording.table, recording.layout
-    more = table.columns if table.sheet else ()
 
     def frames(more: Sequence[str]) -> Iterator[pl.DataFrame]:
         return sample_frames(table, layout, str(source), Unread(), [], more)
 
-    left_out = _left_out_words(table.row_word, frames(()))
-    schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in names_of(layout).values()})
+    lost = [frame.filter(~pl.col(WHOLE))[ROW].to_numpy() for frame in frames(())]
     axes = [layout.columns[axis] for axis in FORCE]
-    dropped = (
-        () if table.sheet and all(axis.scale == 1 and axis.offset == 0 for axis in axes) else (COUNTS, "imported_from")
-    )
+    unchanged = table.sheet and all(axis.scale == 1 and axis.offset == 0 for axis in axes)
+    dropped = () if unchanged else (COUNTS, "imported_from")
     comments = {key: value for key, value in recording.comments.items() if key not in dropped and key in table.stated}
-    header = replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word)
-    if not table.sheet:
-        return Uncorrected(header, lambda: frames(()), recording=recording, left_out=left_out)
-    columns = next(iter(table.pieces(more))).head(0).select(more).schema
-    return Uncorrected(header, lambda: frames(more), columns, tuple(axis.name for axis in axes), recording, left_out)
+    header = replace(header_of(source, schema_of(layout).to_frame(), comments), row_word=table.row_word)
+    more = table.columns if table.sheet else ()
+    kinds = next(iter(table.pieces(more))).select(more).schema if more else None
+    names = tuple(axis.name for axis in axes) if more else ()
+    left_out = _left_out_words(table.row_word, np.concatenate(lost))
+    return Uncorrected(header, lambda: frames(more), kinds, names, recording, left_out)
 
 
-def _left_out_words(row_word: str, frames: Iterator[pl.DataFrame]) -> str:
+def _left_out_words(row_word: str, places: np.ndarray) -> str:
     """The rows of a source that are not `WHOLE`, such as `lines 52 to 71, 300`; empty for none."""
-    places = np.concatenate([np.zeros(0, int), *(frame.filter(~pl.col(WHOLE))[ROW].to_numpy() for frame in frames)])
-    if not len(places):
-        return ""
-    spans = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    spans = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1) if len(places) else []
     words = [f"{span[0]} to {span[-1]}" if len(span) > 1 else f"{span[0]}" for span in spans[:_MOST_RANGES]]
     words += [f"and {sum(map(len, spans[_MOST_RANGES:]))} more"] if len(spans) > _MOST_RANGES else []
-    return f"{row_word}{'s' if len(places) > 1 else ''} {', '.join(words)}"
+    return f"{row_word}{'s' if len(places) > 1 else ''} {', '.join(words)}" if words else ""

@@ -1,7 +1,10 @@
 """Byte logs of the serial protocols, as `tumblecal decode` reads them."""
 
+import shutil
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from weakref import finalize
 
 import polars as pl
 
@@ -10,7 +13,6 @@ from tumblecal.capture.decoding.samples import Stated
 from tumblecal.capture.decoding.sniff import ENOUGH, guesses
 from tumblecal.capture.log import MAGIC
 from tumblecal.capture.protocols import protocols
-from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.formats.parquet import READER as PARQUET
 from tumblecal.recordings.table import Reader, Source, Table
@@ -31,30 +33,27 @@ def _recognised(path: Path, head: bytes) -> bool:
 
 
 def _read(source: Source) -> list[Table]:
-    """The table of a log: decoded once to count its contents, and again into a temporary file when it is read."""
-    stated = Stated(source.options.range_g, source.options.rate)
-    contents = decode_file(source.path, source.options.protocol, stated=stated)
-    if not contents.samples:
-        refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), "no samples")
-        raise InputError(f"{source.path}: {refused}")
+    """The table of a log, which is decoded into a temporary file."""
+    folder = Path(tempfile.mkdtemp(prefix="tumblecal-"))
+    decoded, stated = folder / "samples.parquet", Stated(source.options.range_g, source.options.rate)
+
+    def pieces(wanted: Sequence[str]) -> Iterator[pl.DataFrame]:
+        (table,) = PARQUET.read(source._replace(path=decoded))
+        there = [name for name in wanted if name in table.columns]
+        lacking = [pl.lit(None, pl.Float64).alias(name) for name in wanted if name not in there]
+        for piece in table.pieces([*there, "status"]):
+            yield piece.filter(pl.col("status") == 0).with_columns(lacking).select(wanted)
+
+    # The folder is removed when the table, or the program, ends.
+    finalize(pieces, shutil.rmtree, folder, ignore_errors=True)
+    contents = decode_file(source.path, source.options.protocol, out=decoded, stated=stated)
     if not contents.good:
-        raise InputError(f"{source.path}: {contents.statistics()}")
+        refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), "no samples")
+        raise InputError(f"{source.path}: {contents.statistics() if contents.samples else refused}")
     for words in contents.faults():
         source.damage.report(words)
     columns = _COLUMNS if contents.rate_hz else _COLUMNS[1:]
-
-    def pieces(wanted: Sequence[str]) -> Iterator[pl.DataFrame]:
-        with scratch_folder(source.path) as folder:
-            decoded = folder / "samples.parquet"
-            decode_file(source.path, contents.protocol.name, out=decoded, stated=stated)
-            (table,) = PARQUET.read(source._replace(path=decoded))
-            there = [name for name in wanted if name in table.columns]
-            for piece in table.pieces([*there, "status"]):
-                lacking = [pl.lit(None, pl.Float64).alias(name) for name in wanted if name not in there]
-                yield piece.filter(pl.col("status") == 0).with_columns(lacking).select(wanted)
-
-    losses = f"; {contents.losses()}" if contents.losses() else ""
-    words = f"{contents.protocol.title}, {contents.samples} samples{losses}"
+    words = "; ".join(filter(None, [f"{contents.protocol.title}, {contents.samples} samples", contents.losses()]))
     return [Table("", columns, pieces, contents.samples, words=words, row_word="sample")]
 
 

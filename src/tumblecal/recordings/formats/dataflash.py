@@ -1,7 +1,7 @@
-"""ArduPilot DataFlash logs (.bin): a table for each message and instance of a sensor that has accelerations.
+"""ArduPilot DataFlash logs, binary or text: a table for each message and instance of a sensor that has accelerations.
 
 A message is 0xA3 0x95, its type (1 byte) and its fields; messages of type 0x80 (FMT) state the length, name, number formats and
-fields of each type. https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html
+fields of each type; of text, lines FMT state them. https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html
 """
 
 import re
@@ -9,9 +9,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tumblecal.data.line_form import LineForm
+from tumblecal.data.text_cells import pieces_of
+from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
 from tumblecal.recordings.formats.already_corrected import ardupilot_correction
+from tumblecal.recordings.formats.text import text_table
 from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
 
@@ -32,6 +37,9 @@ ROLES = TIMES | {"T": "temperature_degc"}
 ROLES |= {f"Acc{axis.upper()}": f"a{axis}_ms2" for axis in "xyz"}
 ROLES |= {f"Gyr{axis.upper()}": f"g{axis}_rads" for axis in "xyz"}
 FORCE = frozenset(("AccX", "AccY", "AccZ"))
+_TEXT_FORMAT = re.compile(rb"^FMT, *\d+, *\d+, *(\w+), *\w+, *([\w,]+)", re.MULTILINE)
+# A parameter follows the time, which older logs do not have.
+_TEXT_CORRECTION = re.compile(rb"^PARM,(?:[^,\n]*,)? *INS_TCAL(\d)_ENABLE, *1(?:\.0*)? *(?:[,\r\n]|$)", re.MULTILINE)
 _INSTANCE, _CORRECTION = "I", re.compile(rb"INS_TCAL(\d)_ENABLE")
 
 
@@ -82,6 +90,9 @@ def _scanned(log: bytes) -> tuple[list[_Kind], int, int]:
 
 
 def _read(source: Source) -> list[Table]:
+    with source.path.open("rb") as file:
+        if file.read(len(_MARK)) != _MARK:
+            return _read_text(source)
     log = source.path.read_bytes()
     kinds, skipped, first = _scanned(log)
     enabled = {
@@ -139,4 +150,37 @@ def instance_of(name: str) -> int:
     return int(name[-1]) - 1 if name[-1:].isdigit() else 0
 
 
-READER = Reader("ArduPilot DataFlash .bin", lambda path, head: head.startswith(_MARK + bytes([_FMT])), _read)
+def _read_text(source: Source) -> list[Table]:
+    fields, found, enabled = dict[bytes, list[bytes]](), dict[tuple[bytes, bytes], None](), set[int]()
+    for piece in pieces_of(source.path):
+        fields |= {name: names.split(b",") for name, names in _TEXT_FORMAT.findall(piece)}
+        enabled |= {*map(int, _TEXT_CORRECTION.findall(piece))}
+        for name in fields:
+            if {*map(bytes.decode, fields[name])} >= FORCE:
+                instances = {*re.findall(_message(name, fields[name], rb"(\d+)"), piece, re.MULTILINE)}
+                found |= {(name, instance): None for instance in sorted(instances)}
+    if not found:
+        raise InputError(f"{source.path}: no accelerations among its messages {shown(b', '.join(fields).decode())}")
+    return [_text_table(source, name, fields[name], instance, enabled) for name, instance in found]
+
+
+def _message(name: bytes, fields: list[bytes], instance: bytes) -> bytes:
+    """The pattern of a message to its instance; messages without one have the instance ""."""
+    before = rb"(?:[^,\n]*,){%d} *%s," % (fields.index(b"I"), instance) if b"I" in fields else b"()"
+    return b"^%s,%s" % (name, before)
+
+
+def _text_table(source: Source, name: bytes, fields: list[bytes], instance: bytes, enabled: set[int]) -> Table:
+    names, title = tuple(map(bytes.decode, fields)), name.decode()
+    others = b"^(?!%s).*$" % _message(name, fields, instance)[1:]
+    form = LineForm(re.compile(b"^%s, *" % name, re.MULTILINE), b"", names, re.compile(others, re.MULTILINE))
+    layout = TextLayout(source.path, names, ",", ("",) * len(names), None, 1, form)
+    stated = ardupilot_correction(enabled, int(instance) if instance else instance_of(title))
+    return text_table(source, layout, stated, f"{title}[{instance.decode()}]" if instance else title, ROLES)
+
+
+def _recognised(path: object, head: bytes) -> bool:
+    return head.startswith(_MARK + bytes([_FMT])) or bool(_TEXT_FORMAT.search(head[:8192]))
+
+
+READER = Reader("ArduPilot DataFlash (.bin, .log)", _recognised, _read)

@@ -3,7 +3,8 @@
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import islice
+from contextlib import suppress
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ Pieces = Callable[[], Iterable[Sequence[tuple[int, str | Row]]]]
 def _recognised(path: object, head: bytes) -> bool:
     text = head.decode("utf-8-sig", "replace").lstrip()
     lines = text.splitlines()[:20]
-    rows = sum(_row(line) is not None for line in lines)
+    rows = sum(bool(_row(line)) for line in lines)
     return rows > _WHOLE_SHARE * (len(lines) - 1) if rows else bool(re.match(r'(\[\s*)?\{\s*"[^"]*"\s*:', text))
 
 
@@ -55,15 +56,15 @@ def _loaded(text: str) -> Any:
     return content
 
 
-def _row(given: str | Row) -> Row | None:
-    """The values of a row; None for a line that is not an object of values."""
+def _row(given: str | Row) -> Row:
+    """The values of a row; none for a line that is not an object of values."""
     try:
         content = _loaded(given.strip(_AROUND)) if isinstance(given, str) else given
         row = _flat(content, _MOST_ITEMS) if isinstance(content, dict) else Row()
     except (ValueError, RecursionError):
-        return None
+        return Row()
     values = {name: value for name, value in row.items() if not isinstance(value, list)}
-    return None if not values or (isinstance(given, str) and len(values) < len(row)) else values
+    return Row() if isinstance(given, str) and len(values) < len(row) else values
 
 
 def _read(source: Source) -> list[Table]:
@@ -89,39 +90,32 @@ def _read(source: Source) -> list[Table]:
             values = _flat(content if isinstance(content, dict) else {"": content})
         except (ValueError, RecursionError) as error:
             raise damaged(path, "JSON file", error) from error
-    lists = {name: own for name, own in values.items() if isinstance(own, list) and own}
-    of_objects = {name: own for name, own in lists.items() if all(isinstance(item, dict) for item in own)}
-    tables = [
-        table
-        for name, own in of_objects.items()
-        for table in _tables(name if len(of_objects) > 1 else "", lambda own=own: [[*enumerate(own, 1)]], "element")
-    ]
-    if tables := tables or tables_of_arrays(_arrays(lists)):
-        return tables
-    raise InputError(
-        f"{path}: JSON without samples; samples are read from one object a line, a list of objects, or an object of lists"
+    tables, arrays, lists = (
+        list[Table](),
+        dict[str, np.ndarray](),
+        {k: v for k, v in values.items() if isinstance(v, list)},
     )
+    of_objects = [name for name, own in lists.items() if own and all(isinstance(item, dict) for item in own)]
+    for name, own in lists.items():
+        if name in of_objects:
+            tables += _tables(name * (len(of_objects) > 1), lambda own=own: [[*enumerate(own, 1)]], "element")
+        with suppress(ValueError):  # lists of different lengths
+            arrays |= {name: np.array(own)} if own else {}
+    if tables := tables or tables_of_arrays(arrays):
+        return tables
+    words = "JSON without samples; samples are read from one object a line, a list of objects, or an object of lists"
+    raise InputError(f"{path}: {words}")
 
 
-def _arrays(lists: Mapping[str, list]) -> dict[str, np.ndarray]:
-    arrays = dict[str, np.ndarray]()
-    for name, values in lists.items():
-        try:
-            arrays[name] = np.array(values)
-        except ValueError:  # lists of different lengths
-            continue
-    return arrays
-
-
-def _seen(pieces: Pieces) -> list[Row | None]:
-    return [_row(given) for _, given in islice((row for piece in pieces() for row in piece), _SEEN)]
+def _seen(pieces: Pieces) -> list[Row]:
+    return [_row(given) for _, given in islice(chain.from_iterable(pieces()), _SEEN)]
 
 
 def _kinds(seen: Sequence[Row]) -> Callable[[Row], str]:
     """The kind of a row: the word in a field such as `sensor`, or the names that other rows do not have."""
     for name in seen[0]:
         values = {row.get(name) for row in seen}
-        if len({value for value in values if isinstance(value, str)}) > 1 and len(values) <= _MOST_KINDS:
+        if sum(isinstance(value, str) for value in values) > 1 and len(values) <= _MOST_KINDS:
             return lambda row: str(row.get(name, ""))
     every = dict.fromkeys(name for row in seen for name in row)
     # An object without one of the names is of the same kind as an object with all names.
@@ -132,43 +126,39 @@ def _kinds(seen: Sequence[Row]) -> Callable[[Row], str]:
 
 def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
     """A table for each kind of object."""
-    seen = [row for row in _seen(pieces) if row]
-    if not seen:
+    if not (seen := [row for row in _seen(pieces) if row]):
         return []
     kind_of = _kinds(seen)
-    kinds = dict[str, list[Row]]()
-    for row in seen:
-        kinds.setdefault(kind_of(row), []).append(row)
+    kinds = dict.fromkeys(map(kind_of, seen))
 
-    def table(kind: str, own: Sequence[Row]) -> Table:
+    def table(kind: str) -> Table:
         # A name that is only the letter of an axis gets the word of its kind as a prefix.
+        own = [row for row in seen if kind_of(row) == kind]
         names = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for row in own for name in row}
-        numeric = {
-            column for column, name in names.items() if any(isinstance(row.get(name), int | float) for row in own)
-        }
-
+        numeric = {name for row in own for name, value in row.items() if isinstance(value, int | float)}
         plain = len(kinds) == 1 and "." not in "".join(names)
 
         def frames(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
-            schema = {column: pl.Float64 if column in numeric else pl.String for column in columns}
+            schema = {column: pl.Float64 if names[column] in numeric else pl.String for column in columns}
             for piece in pieces():
                 lines, given = zip(*piece, strict=True)
-                if plain and (frame := _decoded(given, schema)) is not None:
-                    yield frame.with_columns(pl.Series(ROW, lines, pl.Int64))
-                    continue
-                rows = [
-                    (line, row or Row())
-                    for line, row in zip(lines, map(_row, given), strict=True)
-                    if not row or kind_of(row) == kind
-                ]
-                cells = {column: [row.get(names[column]) for _, row in rows] for column in schema}
-                frame = pl.DataFrame(cells, schema, strict=False)
-                yield frame.with_columns(pl.Series(ROW, [line for line, _ in rows], pl.Int64))
+                frame = _decoded(given, schema) if plain else None
+                if frame is None:
+                    rows = [
+                        (line, row)
+                        for line, row in zip(lines, map(_row, given), strict=True)
+                        if not row or kind_of(row) == kind
+                    ]
+                    lines = [line for line, _ in rows]
+                    frame = pl.DataFrame(
+                        {column: [row.get(names[column]) for _, row in rows] for column in schema}, schema, strict=False
+                    )
+                yield frame.with_columns(pl.Series(ROW, lines, pl.Int64))
 
         words = f"JSON, {len(names)} columns"
         return Table(" ".join(filter(None, (title, kind))), tuple(names), frames, words=words, row_word=row_word)
 
-    return [table(kind, own) for kind, own in kinds.items()]
+    return [table(kind) for kind in kinds]
 
 
 def _decoded(given: Sequence[str | Row], schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame | None:

@@ -7,7 +7,7 @@ A frame is AA, a running number (u16), the length of the payload (u8), ticks of 
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.framing import column, places_of, select
+from tumblecal.capture.decoding.framing import Frames, find, rows_of
 from tumblecal.ground.decoding import damaged
 from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
@@ -19,22 +19,25 @@ _PER_UNIT = {"a": 2048.0, "g": 16.4}
 _NAMES = [f"{kind}{axis}" for kind in "ag" for axis in "xyz"]
 
 
+def _sizes(data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int64]:
+    payload = data[places + 3].astype(np.int64)
+    possible = (payload >= _TICKS + _OF_IMU) & ((payload - _TICKS) % _OF_IMU == 0)
+    return np.where(possible, _HEADER + payload + _CHECK, 0)
+
+
+def _intact(frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    sums = frames[:, :-_CHECK].sum(1, dtype=np.uint32) & 0xFFFF
+    return sums == np.ascontiguousarray(frames[:, -_CHECK:]).view(">u2")[:, 0]
+
+
 def _frames(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The complete frames with a correct checksum (n, length), from the first one that is followed by a second one."""
-    starts = places_of(data[: 1 - _HEADER], _MARK)
-    payload = data[starts + 3].astype(np.int64)
-    ends = starts + _HEADER + payload + _CHECK
-    fits = (payload >= _TICKS + _OF_IMU) & ((payload - _TICKS) % _OF_IMU == 0) & (ends <= len(data))
-    starts, ends = starts[fits], ends[fits]
-    sums = np.cumsum(np.append(np.uint8(0), data), dtype=np.uint32)
-    right = (sums[ends - _CHECK] - sums[starts]) & 0xFFFF == column(data, ends, -_CHECK, ">u2")
-    starts, ends = starts[right], ends[right]
-    for k in np.flatnonzero(np.isin(ends, starts))[:1]:
-        length = int(ends[k] - starts[k])
-        same = (starts >= starts[k]) & (ends - starts == length)
-        found = select(starts[same], np.full(same.sum(), length), np.ones(same.sum(), bool), len(data), final=True)
-        return data[found.starts[:, None] + np.arange(length)]
-    return np.zeros((0, 0), np.uint8)
+    starts, sizes, _ = find((Frames((_MARK,), _HEADER, _sizes, _intact),), data, final=True)
+    followed = np.flatnonzero(np.isin(starts + sizes, starts))[:1]
+    if not len(followed):
+        return np.zeros((0, 0), np.uint8)
+    length = int(sizes[followed[0]])
+    return rows_of(data, starts[(starts >= starts[followed[0]]) & (sizes == length)], length)
 
 
 def _read(source: Source) -> list[Table]:

@@ -14,8 +14,6 @@ from tumblecal.recordings.table import Reader, Source, Table, library, of_arrays
 _HEADER_SIZE = 16
 _MESSAGE = struct.Struct("<HB")
 _TYPES = frozenset(b"BFIMPQARDLCSO")
-# The first message, of flags: eight bytes of compatible ones, eight of others, three places of data appended by a later writer.
-_FLAGS = struct.Struct("<HB8xB7x3Q")
 _TIMES = ("timestamp_sample", "timestamp")
 # https://docs.px4.io/main/en/msg_docs/: the fields of these topics are SI units of the body's axes.
 _ROLES = {
@@ -28,22 +26,16 @@ _ROLES = {
 
 def _fault(log: bytes) -> str:
     """The first fault in the sequence of messages, in words; "" if there is none."""
-    _, kind, flags, *places = _FLAGS.unpack(log[_HEADER_SIZE:][: _FLAGS.size].ljust(_FLAGS.size, b"\0"))
-    appended = [place for place in places if _HEADER_SIZE < place < len(log)] if kind == ord("B") and flags & 1 else []
-    start = at = _HEADER_SIZE
-    for stop in (*appended, len(log)):
-        at, start = start, stop
-        while at + _MESSAGE.size <= stop:
-            size, kind = _MESSAGE.unpack_from(log, at)
-            if kind not in _TYPES or (kind != ord("S") and not size):
-                return f"byte {at} is not the start of a message: data after it may be lost or wrong"
-            if at + _MESSAGE.size + size > stop:
-                break
-            at += _MESSAGE.size + size
-    # Data may be appended after a crash within a message: only the end of the file shows a truncation.
-    return (
-        f"the file ends within a message (byte {at} of {len(log)}): data after it are missing" if at < len(log) else ""
-    )
+    at = _HEADER_SIZE
+    while at + _MESSAGE.size <= len(log):
+        size, kind = _MESSAGE.unpack_from(log, at)
+        if kind not in _TYPES or (kind != ord("S") and not size):
+            return f"byte {at} is not the start of a message: data after it may be lost or wrong"
+        if at + _MESSAGE.size + size > len(log):
+            break
+        at += _MESSAGE.size + size
+    end = f"the file ends within a message (byte {at} of {len(log)}): data after it are missing"
+    return end if at < len(log) else ""
 
 
 def _read(source: Source) -> list[Table]:
