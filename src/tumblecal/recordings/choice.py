@@ -1,6 +1,7 @@
 """The columns of accelerations and angular rates, by their names; values check a choice and order proposals."""
 
 import re
+import shlex
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
@@ -38,12 +39,13 @@ class Triple:
         """Whether the readings may have the size of gravity, with offsets and noise."""
         return self.changes > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
 
-    def option(self, columns: Sequence[str]) -> str:
+    def option(self, columns: Sequence[str], more: str = "") -> str:
         """The option that selects it among all columns of a table, by number if a name needs quotation marks."""
         names = self.columns
         if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in names):
             names = tuple(str(columns.index(name) + 1) for name in names)
-        return f"--columns {','.join(f'{axis}={name}' for axis, name in zip(FORCE, names, strict=True))}"
+        pairs = ",".join(f"{axis}={name}" for axis, name in zip(FORCE, names, strict=True))
+        return f"--columns {shlex.quote(pairs + more)}"
 
 
 Readings = Callable[[Sequence[str]], NDArray[np.float64]]
@@ -108,7 +110,7 @@ def chosen(
             rising = np.flatnonzero((steps > 0).all(0) & (steps != 1).any(0))
             named_time = any(parsed(name).quantity == "time" for name in free)
             more = f",time={columns.index(free[rising[0]]) + 1}" if len(rising) and not named_time else ""
-        options = [f"{one.option(columns)}{more} (size {one.size:.4g})" for one in found[:_MOST_SHOWN]] or [
+        options = [f"{one.option(columns, more)} (size {one.size:.4g})" for one in found[:_MOST_SHOWN]] or [
             COLUMNS_OPTION
         ]
         there = f" among the columns {shown(', '.join(columns))}" if not several and not named else ""
