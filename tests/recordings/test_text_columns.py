@@ -122,7 +122,7 @@ FAULTS = [
     (*GOOD, {"decimal": "dot"}, "--decimal dot: write point or comma"),
     (*GOOD, {"rate": -1.0}, "--rate -1: not a sample rate; give samples a second, above 0 and below 1e7"),
     ("a,b,c,d", GOOD[1], {"columns": "ax=2"}, "ay, az not found among the columns 'a, b, c, d'; name them: --columns"),
-    ("t,acc1,acc5,acc7", GOOD[1], {}, "'t, acc1, acc5, acc7': --columns ax=acc1,ay=acc5,az=acc7"),
+    ("t,acc1,acc5,acc7", GOOD[1], {}, "columns 't, acc1, acc5, acc7': --columns ax=...,ay"),
     ("hello world", "no table", {}, "its first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
     ("time,ax,ay,az", "", {}, "its first line 'time,ax,ay,az' has 4 cells separated by commas, 0 of them numbers. Give the"),
     ('{"a": {"b": 1},\n "c": [\n]}', "", {}, "JSON without samples; samples are read from one object a line"),
