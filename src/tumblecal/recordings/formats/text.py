@@ -86,11 +86,12 @@ def _read(source: Source) -> list[Table]:
     if between_words and (forms := word_forms(middle)):
         return [_of_form(source, written, form, name if len(forms) > 1 else "") for name, form in forms.items()]
     if not good:
-        cells = row_of((body or [""])[0], separator)
+        line = (body or [decoded(head[:_LINES])])[0]
+        cells = row_of(line, separator)
         raise InputError(
-            f"{path}: text without rows of three or more numbers; its first line {shown((body or [''])[0])} has "
-            f"{counted(len(cells), 'cell')} separated by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers. Give "
-            "the whole recording, with the three accelerations of a sample in one line; for bytes of a device give --protocol"
+            f"{path}: text without rows of three or more numbers in its first {_HEAD >> 10} kB; the first line {shown(line)} "
+            f"has {counted(len(cells), 'cell')} separated by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers. Give "
+            "the whole recording, with the accelerations of a sample in one line; for bytes of a device give --protocol"
         )
     statements = statements_in(written[:first], separator) | stated(written)
     begin = [{*row} for row in rows[first : first + 2]]
