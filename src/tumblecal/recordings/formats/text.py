@@ -90,8 +90,8 @@ def _read(source: Source) -> list[Table]:
         cells = row_of(line, separator)
         raise InputError(
             f"{path}: text without rows of three or more numbers in its first {_HEAD >> 10} kB; the first line {shown(line)} "
-            f"has {counted(len(cells), 'cell')} separated by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers. Give "
-            "the whole recording, with the accelerations of a sample in one line; for bytes of a device give --protocol"
+            f"has {counted(len(cells), 'cell')} separated by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers. "
+            "Give the whole recording, with the accelerations of a sample in one line; for bytes of a device give --protocol"
         )
     statements = statements_in(written[:first], separator) | stated(written)
     begin = [{*row} for row in rows[first : first + 2]]
