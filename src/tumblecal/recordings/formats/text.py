@@ -1,5 +1,6 @@
 """Text: rows between separators, or lines with words around their numbers; what the lines before the rows state."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,7 +21,7 @@ from tumblecal.recordings.table import Reader, Source, Table
 
 _HEAD, _LINES, _FEWEST_LINES, _TEXT_SHARE = 1 << 16, 200, 2, 0.95
 # The first two rows of Empatica files: the time, s since 1970, and the rate, Hz, each in all columns.
-_LEAST_MOMENT_S = 1e9
+_MOMENT = r"\d{10}(\.\d*)?"
 _ROLES = {"SampleTimeFine": "time_100us"}
 _DECIMAL_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
 
@@ -94,9 +95,9 @@ def _read(source: Source) -> list[Table]:
             "Give the whole recording, with the accelerations of a sample in one line; for bytes of a device give --protocol"
         )
     statements = statements_in(written[:first], separator) | stated(written)
-    begin = [{*row} for row in rows[first : first + 2]]
-    if header is None and [*map(len, begin)] == [1, 1] and float(rows[first][0]) > _LEAST_MOMENT_S:
-        statements, first = statements | {"rate_hz": rows[first + 1][0]}, first + 2
+    time, rate, *_ = [*({*row} for row in rows[first : first + 2]), set(), set()]
+    if header is None and len(time) == len(rate) == 1 and re.fullmatch(_MOMENT, *time):
+        statements, first = statements | {"rate_hz": rate.pop()}, first + 2
     layout = TextLayout(path, names, separator, ("",) * len(names), header, (header or first) + 1, clock)
     return [text_table(source, layout, statements)]
 
@@ -139,13 +140,15 @@ def _of_form(source: Source, written: Sequence[str], form, name: str) -> Table:
 
 def _of_axes(source: Source, rows: Sequence[list[str]], separator: str) -> Table | None:
     """A table with a row for each axis, as one with a column for each; None for other text."""
-    names, *good = [row for row in rows if len(row) == len(rows[0])]
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    names, *good = [row for row in rows if len(row) == width]
     columns = dict(zip(names, zip(*good, strict=True), strict=False))
     axes = [name for name, cells in columns.items() if {*map(str.lower, cells)} == {"x", "y", "z"}]
     values = [name for name, cells in columns.items() if numbers_in(cells) == len(cells)]
     if len(axes) != 1 or not values or numbers_in(names):
         return None
-    layout = TextLayout(source.path, tuple(names), separator, ("",) * len(names), 1, 2)
+    header = rows.index(names) + 1
+    layout = TextLayout(source.path, tuple(names), separator, ("",) * len(names), header, header + 1)
     keys = [name for name in names if name not in (axes[0], values[-1])]
     frame = pl.concat(layout.frames(names)).with_columns(pl.col(axes).str.to_lowercase())
     wide = frame.pivot(on=axes, index=keys, values=values[-1], aggregate_function="first")
