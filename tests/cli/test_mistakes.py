@@ -204,7 +204,7 @@ MISTAKES = {
     "no history": ("history none.db", "no such history; create it by calibrate or diagnose with --history none.db"),
     "a folder of nothing": ("history lab.db --add none", "no result.json or diagnosis.json"),
     "a limit without its unit": ("history lab.db A-17 --limit bias=1", "--limit 'bias=1': '1' has no unit"),
-    "a topic of a table": ("import short.csv --topic x --out x.csv", "no topic x: the file has one table, without a n"),
+    "a topic of a table": ("import short.csv --topic x --out x.csv", "no topic x; the file has a table without a name"),
     "half a parameter file": ("compare px4:params.txt cal.json", "params.txt: CAL_ACC0_YOFF is missing"),
     "a format of nobody": ("compare px5:params.txt cal.json", "no format 'px5'; formats: c-header"),
     "an empty budget": ("budget good.csv nothing.toml", "nothing.toml: considered: is missing"),

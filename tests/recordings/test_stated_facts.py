@@ -29,7 +29,9 @@ def force():
 
 
 def test_times_that_contradict_a_stated_rate_are_not_used(tmp_path, force):
-    """A counter of 16 bits at 500 Hz."""
+    """A counter of 16 bits at 500 Hz; one of 8 bits is no clock at any rate."""
+    log = text(tmp_path / "log.csv", "time,ax_g,ay_g,az_g", np.column_stack([np.arange(300) * 5 % 256, force]))
+    assert read_recording(log).rate_hz is None
     counter = np.arange(300) * 98 % 65536
     log = text(tmp_path / "log.csv", "TIME_STMP,ax_g,ay_g,az_g", np.column_stack([counter, force]))
     recording = read_recording(log, rate=500.0)

@@ -88,10 +88,11 @@ def test_numbers_between_words_are_those_written(tmp_path, name):
 
 
 XSENS = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
+LVM, OWN = "***End_of_Header***\t\t\t\t\nX_Value\tV0\tV1\tV2\tComment", "time=1,ax=2,ay=3,az=4"
 DOT = "DeviceTag:,A1\nOutputRate:,100Hz\n\n"
 # Lines before the rows; a row: s is its time in s, n in 0.1 ms, k its number, f its force; options.
 WRITTEN = {
-    "a row for each axis": ("sensor,t,axis,value", "acc,{s},X,{f[0]}\nacc,{s},Y,{f[1]}\nacc,{s},Z,{f[2]}", {}),
+    "a row for each axis": ("# a comment\nsensor,t,axis,value", "acc,{s},X,{f[0]}\nacc,{s},Y,{f[1]}\nacc,{s},Z,{f[2]}", {}),
     "rows of kinds": (
         "$FLYS,1\n$COL,IMU,time,ax,ay,az\n$UNIT,IMU,s,g,g,g\n$COL,BARO,time,pressure\n$UNIT,BARO,s,Pa\n$DATA",
         "$IMU,{s},{f[0]},{f[1]},{f[2]}\n$BARO,{s},101300",
@@ -104,6 +105,9 @@ WRITTEN = {
     "a label before the names": ("Fields:,t,ax,ay,az", "{s},{f[0]},{f[1]},{f[2]}", {}),
     "names between commas": ("t,ax,ay,az", "{s} {f[0]} {f[1]} {f[2]}", {}),
     "a rate in words": ("sampled at 100 Hz", "ax:{f[0]} ay:{f[1]} az:{f[2]}", {}),
+    "a line of units": ("clock;X;Y;Z\n(s);(g);(g);(g)", "{s};{f[0]};{f[1]};{f[2]}", {}),
+    "LabVIEW": (f"LabVIEW\nSamples\t9\t9\t9\t\nX0\t0.0\t0.0\t0.0\t\n{LVM}", "{s}\t{f[0]}\t{f[1]}\t{f[2]}", {"columns": OWN}),
+    "Empatica": ("1588337100,1588337100,1588337100\n100.0,100.0,100.0", "{f[0]},{f[1]},{f[2]}", {"columns": "ax=1,ay=2,az=3"}),
     "a sensor among several": ("sensor,t,ax,ay,az", "0,{s},9,9,9\n1,{s},{f[0]},{f[1]},{f[2]}", {"rows": "sensor=1"}),
 }  # fmt: skip
 
@@ -118,7 +122,7 @@ def test_layouts_of_loggers(tmp_path, name, encoding):
     frame = pl.read_parquet(tmp_path / "out.parquet")
     np.testing.assert_array_equal(of_axes(frame, "a"), FORCE)
     assert recording.rate_hz == pytest.approx(HZ)
-    assert ("time_s" in frame.columns) == (name not in ("a rate in words", "Xsens without times"))
+    assert ("time_s" in frame.columns) == (name not in ("a rate in words", "Xsens without times", "Empatica"))
     if "time_s" in frame.columns:
         np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
 

@@ -1,6 +1,7 @@
 """The columns of accelerations and angular rates, by their names; values check a choice and order proposals."""
 
 import re
+import shlex
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
@@ -40,12 +41,13 @@ class Triple:
         """Whether the readings may have the size of gravity, with offsets and noise."""
         return self.changes > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
 
-    def option(self, columns: Sequence[str]) -> str:
+    def option(self, columns: Sequence[str], more: str = "") -> str:
         """The option that selects it among all columns of a table, by number if a name needs quotation marks."""
         names = self.columns
         if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in names):
             names = tuple(str(columns.index(name) + 1) for name in names)
-        return f"--columns {','.join(f'{axis}={name}' for axis, name in zip(FORCE, names, strict=True))}"
+        pairs = ",".join(f"{axis}={name}" for axis, name in zip(FORCE, names, strict=True))
+        return f"--columns {shlex.quote(pairs + more)}"
 
 
 Readings = Callable[[Sequence[str]], NDArray[np.float64]]
@@ -96,27 +98,20 @@ def chosen(
     body = [one for one in body if one.name.state != "linear"] or body
     several = len({one.name.sensor for one in body}) > 1 or (not named and len(body) > 1)
     if several or not body:
-        single, more = [name for name in free if parsed(name).quantity == "acceleration"], ""
+        found, more = body or named or axes_only, ""
+        words = f"name the accelerations among the columns {shown(', '.join(columns))}"
         if several:
-            words, found = f"{len(body)} triples of columns with the size of gravity; choose one", body
+            words = f"{len(body)} triples of columns with the size of gravity; choose one"
         elif named:
-            words, found = f"{', '.join(named[0].columns)}: {_WITHOUT}", named
-        elif len(single) == 3 or axes_only:
-            words, found = (
-                "name the accelerations",
-                axes_only or [Triple(tuple(single), Name(), *size_of(readings(single)))],
-            )
-        else:
-            words, found = "name the accelerations", proposals(free[:_MOST_COLUMNS], readings)
-            steps = np.diff(readings(free[:_MOST_COLUMNS]), axis=0)
+            words = f"{', '.join(named[0].columns)}: {_WITHOUT}"
+        elif not axes_only:
+            values = readings(free[:_MOST_COLUMNS])
+            found, steps = proposals(free, values), np.diff(values, axis=0)
             rising = np.flatnonzero((steps > 0).all(0) & (steps != 1).any(0))
             named_time = any(parsed(name).quantity == "time" for name in free)
             more = f",time={columns.index(free[rising[0]]) + 1}" if len(rising) and not named_time else ""
-        options = [f"{one.option(columns)}{more} (size {one.size:.4g})" for one in found[:_MOST_SHOWN]] or [
-            COLUMNS_OPTION
-        ]
-        there = f" among the columns {shown(', '.join(columns))}" if not several and not named else ""
-        raise question(path, f"{words}{there}", options)
+        options = [f"{one.option(columns, more)} (size {one.size:.4g})" for one in found[:_MOST_SHOWN]]
+        raise question(path, words, options or [COLUMNS_OPTION])
     force = min(body, key=lambda one: STATES.index(one.name.state))
     if others := [one for one in named if one is not force]:
         listed = "; ".join(", ".join(one.columns) for one in others[:_MOST_SHOWN])
@@ -135,13 +130,12 @@ def chosen(
     return {role: Column(name, parsed(name).unit, "name") for role, name in zip((*FORCE, *RATE), names, strict=False)}
 
 
-def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
-    """Neighbouring columns whose values may be accelerations, most likely first: constant lengths of about gravity."""
-    values = readings(columns)
+def proposals(columns: Sequence[str], values: NDArray[np.float64]) -> list[Triple]:
+    """Neighbouring columns whose values (n, k) may be accelerations, most likely first: constant lengths of about gravity."""
     falling = np.any(np.diff(values, axis=0) < 0, axis=0)
     found = [
         Triple(tuple(columns[first : first + 3]), Name(), *size_of(values[:, first : first + 3]))
-        for first in range(len(columns) - 2)
+        for first in range(values.shape[1] - 2)
         if falling[first : first + 3].all()
     ]
     # At one attitude, neighbours of the axis along gravity are as constant as the three axes: the first columns are proposed.

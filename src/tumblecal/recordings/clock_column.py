@@ -62,7 +62,7 @@ def _texts(cells: pl.Series) -> list[str]:
     return cells.drop_nulls().to_list() if cells.dtype == pl.String else []
 
 
-def with_unit(
+def clock_with_unit(
     table: Table, first: pl.DataFrame, column: Column, options: RecordingOptions, path: str, notes: list[str]
 ) -> Column | None:
     """A clock with its form and unit; None, with a note, for one that cannot be used.

@@ -13,7 +13,7 @@ from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
-from tumblecal.recordings.clock_column import clock_among, letters_t, with_unit
+from tumblecal.recordings.clock_column import clock_among, clock_with_unit, letters_t
 from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, is_number, pairs
 from tumblecal.recordings.guesses import question
 from tumblecal.recordings.options import RecordingOptions
@@ -68,9 +68,9 @@ def layout_of(
         raise question(path, f"no row has a number in each of {', '.join(names)}; give others", [COLUMNS_OPTION])
     if not options.signed and (words := signed_words(names, values)):
         raise InputError(f"{path}: {words}")
-    columns, per_g = with_units(table, columns, options, notes, *sizes, path=path)
+    columns, per_g = with_units(table, columns, options, notes, sizes, path)
     if "time" in columns:
-        clock = with_unit(table, first, columns["time"], options, path, notes)
+        clock = clock_with_unit(table, first, columns["time"], options, path, notes)
         columns = {role: column for role, column in {**columns, "time": clock}.items() if column is not None}
     return Layout(columns, per_g, sizes[0], tuple(notes))
 

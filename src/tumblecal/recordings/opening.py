@@ -78,7 +78,12 @@ def _chosen(path: Path, tables: Sequence[Table], options: RecordingOptions) -> T
         table for table in tables if options.topic in ("", table.name) and (options.topic or _has_force(table, options))
     ]
     if not given:
-        there = ", ".join(f"{table.name} ({table.words or f'{table.rows} rows'})" for table in tables) or "nothing"
+        there = (
+            ", ".join(
+                f"{table.name or 'a table without a name'} ({table.words or f'{table.rows} rows'})" for table in tables
+            )
+            or "nothing"
+        )
         missing = f"topic {options.topic}" if options.topic else "accelerations"
         choices = [f"--topic {shlex.quote(table.name)}" for table in tables if table.name and len(table.columns) > 2]
         raise question(path, f"no {missing}; the file has {there}{'; choose one' if choices else ''}", choices)

@@ -50,7 +50,12 @@ def stated_unit(text: str, option: str) -> tuple[str, float | None]:
 
 
 def with_units(
-    table: Table, columns: Mapping[str, Column], options: RecordingOptions, notes: list[str], *sizes: float, path: str
+    table: Table,
+    columns: Mapping[str, Column],
+    options: RecordingOptions,
+    notes: list[str],
+    sizes: tuple[float, float, float],
+    path: str,
 ) -> tuple[dict[str, Column], float | None]:
     """The columns with the units of accelerations and rates: by option, by name or format, or the one in which the size of the
     accelerations is about one g. Rates in counts remain counts unless the counts for one deg/s are known.

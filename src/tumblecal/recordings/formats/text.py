@@ -21,7 +21,7 @@ from tumblecal.recordings.table import Reader, Source, Table
 
 _HEAD, _LINES, _FEWEST_LINES, _TEXT_SHARE = 1 << 16, 200, 2, 0.95
 # The first two rows of Empatica files: the time, s since 1970, and the rate, Hz, each in all columns.
-_LEAST_MOMENT_S = 1e9
+_MOMENT = r"\d{10}(\.\d*)?"
 _ROLES = {"SampleTimeFine": "time_100us"}
 # A cell without a number, as loggers write it.
 _MISSING = re.compile(r"^(\W{0,3}|nan|null|none|n/?a)$", re.IGNORECASE)
@@ -97,16 +97,17 @@ def _read(source: Source) -> list[Table]:
     if between_words and (forms := word_forms(middle)):
         return [_of_form(source, written, form, name if len(forms) > 1 else "") for name, form in forms.items()]
     if not good:
-        cells = row_of((body or [""])[0], separator)
+        line = (body or [decoded(head[:_LINES])])[0]
+        cells = row_of(line, separator)
         raise InputError(
-            f"{path}: text without rows of three or more numbers; its first line {shown((body or [''])[0])} has "
-            f"{counted(len(cells), 'cell')} separated by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers. Give "
-            "the whole recording, with the three accelerations of a sample in one line; for bytes of a device give --protocol"
+            f"{path}: text without rows of three or more numbers in its first {_HEAD >> 10} kB; the first line {shown(line)} "
+            f"has {counted(len(cells), 'cell')} separated by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers. "
+            "Give the whole recording, with the accelerations of a sample in one line; for bytes of a device give --protocol"
         )
     statements = statements_in(written[:first], separator) | stated(written)
-    begin = [{*row} for row in rows[first : first + 2]]
-    if header is None and [*map(len, begin)] == [1, 1] and float(rows[first][0]) > _LEAST_MOMENT_S:
-        statements, first = statements | {"rate_hz": rows[first + 1][0]}, first + 2
+    time, rate, *_ = [*({*row} for row in rows[first : first + 2]), set(), set()]
+    if header is None and len(time) == len(rate) == 1 and re.fullmatch(_MOMENT, *time):
+        statements, first = statements | {"rate_hz": rate.pop()}, first + 2
     layout = TextLayout(path, names, separator, ("",) * len(names), header, (header or first) + 1, clock)
     return [text_table(source, layout, statements)]
 
@@ -149,13 +150,15 @@ def _of_form(source: Source, written: Sequence[str], form, name: str) -> Table:
 
 def _of_axes(source: Source, rows: Sequence[list[str]], separator: str) -> Table | None:
     """A table with a row for each axis, as one with a column for each; None for other text."""
-    names, *good = [row for row in rows if len(row) == len(rows[0])]
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    names, *good = [row for row in rows if len(row) == width]
     columns = dict(zip(names, zip(*good, strict=True), strict=False))
     axes = [name for name, cells in columns.items() if {*map(str.lower, cells)} == {"x", "y", "z"}]
     values = [name for name, cells in columns.items() if numbers_in(cells) == len(cells)]
     if len(axes) != 1 or not values or numbers_in(names):
         return None
-    layout = TextLayout(source.path, tuple(names), separator, ("",) * len(names), 1, 2)
+    header = rows.index(names) + 1
+    layout = TextLayout(source.path, tuple(names), separator, ("",) * len(names), header, header + 1)
     keys = [name for name in names if name not in (axes[0], values[-1])]
     frame = pl.concat(layout.frames(names)).with_columns(pl.col(axes).str.to_lowercase())
     wide = frame.pivot(on=axes, index=keys, values=values[-1], aggregate_function="first")

@@ -72,7 +72,7 @@ def header_of(
         names = ["" if left_out else name for left_out, name in zip(unclear, names, strict=True)]
         twice = [name for name in names if name and names.count(name) > 1]
         if fits and not twice and any(re.search(r"[^\W\d_]", name) for name in names):
-            return with_units([name or str(k) for k, name in enumerate(names, 1)], units), max(number, last)
+            return with_line_of_units([name or str(k) for k, name in enumerate(names, 1)], units), max(number, last)
         if any(role for role, _ in roles) and len(names) > 2 and not numbers_in(names) and not source.options.columns:
             what = (
                 f"column {twice[0]}: this name occurs twice"
@@ -106,7 +106,7 @@ def are_units(cells: Sequence[str]) -> bool:
     return 2 * sum(map(bool, map(_unit, cells))) > sum(map(bool, cells)) > 1
 
 
-def with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
+def with_line_of_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
     """Names with the units of a line below them, which may end earlier; other words of that line are ignored."""
     brackets = [f" ({unit})" if (unit := _unit(cell)) else "" for cell in units]
     return tuple(name + unit for name, unit in zip(names, [*brackets, *[""] * len(names)], strict=False))
@@ -156,6 +156,6 @@ def layout_of_kind(path: Path, written: Sequence[str], kind: str, separator: str
     begin = re.escape(f"{kind}{separator}".encode())
     others = re.compile(rb"^(?!" + begin + rb").*$", re.MULTILINE)
     form = LineForm(re.compile(rb"^" + begin, re.MULTILINE), b"", (), others)
-    names = with_units(above[0], above[1] if len(above) > 1 else ())
+    names = with_line_of_units(above[0], above[1] if len(above) > 1 else ())
     layout = TextLayout(path, names, separator, ("",) * width, None, first + 1, form)
     return layout, statements_in(written[:first], separator)
