@@ -1,7 +1,7 @@
 """The virtual device: samples at the device's clock, encoded, with a ledger of the true events."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,14 +132,11 @@ class VirtualDevice:
         ticks_per_s = (counter.ticks_per_s if counter else None) or self.rate_hz
         ticked = np.rint((number - self._first) * (ticks_per_s / self.rate_hz)).astype(np.int64)
         status = Status.STARTING * (times < self._starting_until_s) + Status.OVERLOAD * overloaded
-        return replace(
-            blank(n),
-            force=np.where(overloaded[:, None], config.instrument.range_g, force),
-            rate=rate,
-            temperature=temperature,
-            counter=ticked % counter.modulus if counter else ticked,
-            status=status.astype(np.uint8),
-        )
+        samples = blank(n)
+        samples.force[:] = np.where(overloaded[:, None], config.instrument.range_g, force)
+        samples.rate[:], samples.temperature[:], samples.status[:] = rate, temperature, status
+        samples.counter[:] = ticked % counter.modulus if counter else ticked
+        return samples
 
     def _at_rest(self, now_s: float) -> NDArray[np.float64]:
         """The true output, recomputed when the head moves, every few seconds, and with the temperature (effects that drift)."""

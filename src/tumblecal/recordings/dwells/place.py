@@ -56,12 +56,11 @@ def position_set(
     With the comment of unknown attitudes, the readings give approximate angles. Labels of a place precede those of the options
     and of the plan, `known`. `columns`: further columns of the set.
     """
-    context, plan = known
     hand_held = comments.get(ATTITUDES) == UNKNOWN
     alpha, beta = attitudes_of(readings) if hand_held else angles_of(places)
     approaches = [place.approach for place in places]
     for name in ("run", "mount"):
-        usual = getattr(context, name) or (getattr(plan.session, name) if plan else "1")
+        usual = label_of_rows(known, name)
         stated = [getattr(place, name) for place in places]
         columns[name] = tuple(label or usual for label in stated) if usual != "1" or any(stated) else None
     return PositionSet(
@@ -74,3 +73,9 @@ def position_set(
         source=source,
         **columns,
     )
+
+
+def label_of_rows(known: tuple[KnownContext, CapturePlan | None], name: str) -> str:
+    """The label of `run` or `mount` for all rows: by option, otherwise by the plan; "1" if neither states it."""
+    context, plan = known
+    return getattr(context, name) or (getattr(plan.session, name) if plan else "1")

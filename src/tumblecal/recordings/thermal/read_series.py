@@ -16,7 +16,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
 from tumblecal.recordings.clock import LONGEST_STEP_S
 from tumblecal.recordings.dwells.dwell_samples import stated_comments
-from tumblecal.recordings.dwells.place import Place, labels_of_rows
+from tumblecal.recordings.dwells.place import Place, label_of_rows
 from tumblecal.recordings.dwells.rest import check_still, stillness_of
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
@@ -96,7 +96,8 @@ def read_series(
             places, warnings = attitudes_of_intervals(samples, stillness.used, means, plan, of_file)
             steps = steps_of(stillness.blocks, first, to_g)
             edges = list(steps)
-            stays = _stays(stillness, places, edges, prefix, labels_of_rows(known, 1)["mount"] or [None])
+            mount = label_of_rows(known, "mount")
+            stays = _stays(stillness, places, edges, prefix, None if mount == "1" else mount)
             source = (name, str(recording.path), comments | recording.clock_comments)
             parts, more = _parts(source, stillness.blocks, stays, (degc, first), to_g, edges)
             if not parts:
@@ -126,7 +127,7 @@ def _taken_as_still(path: Path, stillness: Stillness, to_g: float) -> Stillness:
 
 
 def _stays(
-    stillness: Stillness, places: Sequence[Place | None], steps: Sequence[int], prefix: str, mount: Sequence[str | None]
+    stillness: Stillness, places: Sequence[Place | None], steps: Sequence[int], prefix: str, mount: str | None
 ) -> tuple[NDArray[np.int64], pl.DataFrame]:
     """The number of the stay of each block, -1 in none, and the attitude of each stay; successive intervals in one attitude are
     one stay. After each step there are separate attitudes: its jump is then no change with temperature."""
@@ -139,7 +140,7 @@ def _stays(
             stays += [place] if place != before else []
             visit[blocks_of_interval(interval, stillness.blocks)] = len(stays) - 1
         before = place
-    rows = [(one.name, one.mount or mount[0], one.alpha_deg, one.beta_deg) for one in stays]
+    rows = [(one.name, one.mount or mount, one.alpha_deg, one.beta_deg) for one in stays]
     columns = {"position": pl.String, "mount": pl.String, "alpha_deg": pl.Float64, "beta_deg": pl.Float64}
     return visit, pl.DataFrame(rows, columns, orient="row")
 
