@@ -215,7 +215,9 @@ class LogWriter:
                 while written < len(data):
                     written += os.write(self._descriptor, data[written:])
             except OSError:
-                with contextlib.suppress(OSError):  # a disk that fails keeps the torn record; the next writer cuts it off
+                with contextlib.suppress(
+                    OSError
+                ):  # a disk that fails keeps the torn record; the next writer cuts it off
                     os.ftruncate(self._descriptor, self.position)
                 raise
         self.position += len(data)

@@ -86,7 +86,9 @@ def _members(values: bytes) -> Mask:
 
 def rows_of(data: Bytes, starts: Integers | slice, size: int) -> Bytes:
     """The frames of `size` bytes that begin at `starts`, shape (n, size)."""
-    return np.lib.stride_tricks.sliding_window_view(data, size)[starts] if len(data) >= size else data[:0].reshape(0, size)
+    return (
+        np.lib.stride_tricks.sliding_window_view(data, size)[starts] if len(data) >= size else data[:0].reshape(0, size)
+    )
 
 
 def column(data: Bytes, starts: Integers, at: int, kind: str, n: int = 1) -> NDArray:
@@ -103,7 +105,9 @@ def select(starts: Integers, sizes: Integers, good: Mask, length: int, final: bo
     """
     stops, kept, end = starts + sizes, list[int](), 0
     considered = np.flatnonzero(good | ((stops > length) & (not final)))
-    for k, start, stop in zip(*(each.tolist() for each in (considered, starts[considered], stops[considered])), strict=True):
+    for k, start, stop in zip(
+        *(each.tolist() for each in (considered, starts[considered], stops[considered])), strict=True
+    ):
         if start >= end and stop > length:
             return Found(starts[kept], sizes[kept], start)
         if start >= end:

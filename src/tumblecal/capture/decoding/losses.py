@@ -62,6 +62,9 @@ class Rates(NamedTuple):
         return f"the device sends {mean:.4g} samples a second, but {wanted_hz:.4g} are expected{slow}"
 
 
+_NO_RATES = Rates()
+
+
 @dataclass(frozen=True)
 class Losses:
     """Losses between the first and the last sample.
@@ -82,7 +85,7 @@ class Losses:
     replaced: int = 0
     duplicates: int = 0
     gaps: list[Gap] = field(default_factory=list)
-    rates: Rates = Rates()
+    rates: Rates = _NO_RATES
     counted: bool = True
 
     @property

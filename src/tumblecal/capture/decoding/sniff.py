@@ -50,7 +50,9 @@ def guessed(path: Path, data: bytes) -> str:
     best, *_ = ranked = guesses(data[:_LOOKED_AT])
     if best.explained < ENOUGH:
         seen = ", ".join(f"{g.name} {g.explained:.0%}" for g in ranked if g.explained > 0.01) or "nothing"
-        raise InputError(f"{path}: no protocol fits these bytes (recognised: {seen}); to read them anyway, give --protocol")
+        raise InputError(
+            f"{path}: no protocol fits these bytes (recognised: {seen}); to read them anyway, give --protocol"
+        )
     return best.name
 
 

@@ -106,7 +106,11 @@ class LiveStream:
                 tally.status[str(flag.name).lower()] += hits
         self._stream.add(decoded)
         if numbers := self._stream.numbers:
-            tally.lost_at_least, tally.duplicates, tally.device_restarts = numbers.lost, numbers.repeats, numbers.restarts
+            tally.lost_at_least, tally.duplicates, tally.device_restarts = (
+                numbers.lost,
+                numbers.repeats,
+                numbers.restarts,
+            )
         ends, start, stop, stamp_s = np.array(self._records or np.zeros((0, 4))).T
         which = np.searchsorted(ends, samples.stop)
         self._records = self._records[which[-1] if len(which) else 0 :]

@@ -119,7 +119,11 @@ class Port:
 
 def _why_not(url: str, baud: int, error: Exception) -> str:
     path, text, number = Path(url), str(error), getattr(error, "errno", None)
-    words = f"the driver does not support {baud} baud ({text})" if isinstance(error, ValueError) else f"cannot be opened ({text})"
+    words = (
+        f"the driver does not support {baud} baud ({text})"
+        if isinstance(error, ValueError)
+        else f"cannot be opened ({text})"
+    )
     if "://" in url:
         pass
     elif not path.exists():

@@ -1,8 +1,10 @@
 """Lines of numbers, as boards with a sketch print them: commas, tabs, semicolons or spaces, with a header line.
 
-Columns without a header line must be given. Separator and decimal mark are learned from the lines and shown; a header line
-begins a new layout from its line on. Lines `$IMU,counter,microseconds,ax,ay,az,gx,gy,gz,T` (m/s^2, deg/s, degC) need none. A `*CC` checksum (exclusive or, NMEA-like) is verified if there is one, and then required.
-A stream without checksums is unprotected: a lost character makes a plausible wrong number.
+Columns without a header line must be given; lines `$IMU,counter,microseconds,ax,ay,az,gx,gy,gz,T` (m/s^2, deg/s, degC) need
+neither. Separator and decimal mark are learned from the lines and shown. A header line begins a new layout from its line on.
+
+A `*CC` checksum (exclusive or, NMEA-like) is verified if there is one, and then required. A stream without checksums is
+unprotected: a lost character makes a plausible wrong number.
 """
 
 import re
@@ -37,7 +39,7 @@ class TextDecoder:
 
     **Arguments:**
 
-    - `columns`, `unit`: quantity of each column, and the unit of the specific force, which header lines do not change; empty for
+    - `columns`, `unit`: quantity of each column, and unit of the specific force, which header lines do not change; empty:
       those of a header line.
     - `whole`: the first line is complete (a file); otherwise it is dropped, since a port opens within a line.
     """

@@ -82,7 +82,9 @@ def layout_of(message: bytes) -> Layout:
             break
         identifier, size = int.from_bytes(message[at : at + 2], "big"), message[at + 2]
         name, at = identifier & 0xFFF0, at + 3
-        present.setdefault(name, f"a specific force 0x{identifier:04X} of {size} bytes does not fit its number format: not read")
+        present.setdefault(
+            name, f"a specific force 0x{identifier:04X} of {size} bytes does not fit its number format: not read"
+        )
         if field := _FIELDS.get(name):
             field = _in_format(field, identifier & 3) if np.dtype(field.kind).base.kind == "f" else field
             if size == np.dtype(field.kind).itemsize:
