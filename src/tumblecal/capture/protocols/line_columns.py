@@ -58,12 +58,9 @@ def check_given(columns: tuple[str, ...], unit: str) -> None:
 
     **Raises:** `InputError` for an unknown quantity or unit, or an incomplete specific force.
     """
-    faults = [f"{name} unknown" for name in columns if name not in (*ROLES, "-")]
-    faults += [f"{name} missing" for name in FORCE if columns and name not in columns]
-    if faults:
+    if columns and not {*FORCE} <= {*columns} <= {*ROLES, "-"}:
         raise InputError(
-            f"text columns {','.join(columns)}: {', '.join(faults)}; give a list of {', '.join(ROLES)}, or - for an unused "
-            "column"
+            f"text columns {','.join(columns)}: give ax, ay and az, and {', '.join(ROLES[3:])}, or - for an unused column"
         )
     if unit and unit not in UNITS_PER_G:
         raise InputError(f"text unit {unit!r}: unknown; give one of {', '.join(UNITS_PER_G)}")
