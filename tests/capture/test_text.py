@@ -118,7 +118,7 @@ def test_the_cut_first_line_of_a_port_is_dropped() -> None:
 
 
 def test_given_layout() -> None:
-    with pytest.raises(InputError, match="az missing"):
+    with pytest.raises(InputError, match="give ax, ay and az"):
         TextDecoder("ax,ay")
     with pytest.raises(InputError, match="unit"):
         TextDecoder("ax,ay,az", "stone")

@@ -59,8 +59,8 @@ class _StatedLate(Exception):
 class FileContents:
     """The contents of a byte log, accumulated piece by piece.
 
-    `events`: the first of each kind. `samples`: number of samples; `good`: without a fault. `of_log`: stretches without a record
-    in a capture's raw log.
+    `events`: the first of each kind. `samples`: number of samples; `good`: without a fault. `of_log`: stretches of a capture's
+    raw log without a record.
     """
 
     protocol: Protocol

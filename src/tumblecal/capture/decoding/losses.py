@@ -62,6 +62,9 @@ class Rates(NamedTuple):
         return f"the device sends {mean:.4g} samples a second, but {wanted_hz:.4g} are expected{slow}"
 
 
+_NO_RATES = Rates()
+
+
 @dataclass(frozen=True)
 class Losses:
     """Losses between the first and the last sample.
@@ -82,7 +85,7 @@ class Losses:
     replaced: int = 0
     duplicates: int = 0
     gaps: list[Gap] = field(default_factory=list)
-    rates: Rates = Rates()
+    rates: Rates = _NO_RATES
     counted: bool = True
 
     @property
@@ -150,14 +153,14 @@ def _wraps(ticks: Integers, host_s: Floats, modulus: int) -> tuple[Integers, Mas
     A first pass with a rough slope finds most of them; the slope of the corrected ticks then decides.
     """
     wraps, certain, tick_s = np.zeros(len(ticks), int), np.ones(len(ticks), bool), _slope(ticks, host_s, 1.0)
-    for _ in range(2):
+    for _ in range(3):
         wrap_s = modulus * tick_s
-        # Shorter wraps than a read may be late: only if a virtual instrument runs much faster than real time.
-        if wrap_s >= _SHORTEST_STEP_S:
-            # Whole wraps are lost only if nothing arrives for that long.
-            silence_s = max(0.5 * wrap_s, _LATE_READ_S)
-            wraps, certain = _steps(host_s - ticks * tick_s, host_s, wrap_s, 0.3 * wrap_s, silence_s)
-            tick_s = _slope(ticks + np.cumsum(wraps) * modulus, host_s, np.inf)
+        # Whole wraps are lost only if nothing arrives for that long. If a virtual instrument runs much faster than real time, a
+        # wrap is shorter than a read may be late.
+        jump_s = 0.3 * wrap_s if wrap_s >= _SHORTEST_STEP_S else np.inf
+        silence_s = max(0.5 * wrap_s, _LATE_READ_S)
+        wraps, certain = _steps(host_s - ticks * tick_s, host_s, wrap_s, jump_s, silence_s)
+        tick_s = _slope(ticks + np.cumsum(wraps) * modulus, host_s, np.inf)
     return wraps, certain
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +27,25 @@ class Status(IntFlag):
     NOT_A_NUMBER = 16
 
 
-# Samples in stream order, an array of n records:
-# - `stop`: place in the byte stream just after the frame.
-# - `force`: specific force in standard g (9.80665 m/s^2), (n, 3); NaN while the device's range is unknown.
-# - `rate`: angular rate in deg/s, (n, 3); NaN if not sent.
-# - `temperature`: degC; NaN if not sent.
-# - `counter`: the device's counter as sent; -1 if there is none.
-# - `status`: `Status` bits.
-# - `clock`: the device's clock as sent, in any unit of time; NaN if not sent.
-Samples = np.recarray
+class Samples(np.recarray):
+    """Samples in stream order: an array of n records.
+
+    **Arguments:**
+
+    - `stop`: place in the byte stream just after the frame, shape (n,).
+    - `force`: specific force in standard g (9.80665 m/s^2), shape (n, 3); NaN while the device's range is unknown.
+    - `rate`: angular rate in deg/s, shape (n, 3); NaN if not sent.
+    - `temperature`: degC, shape (n,); NaN if not sent.
+    - `counter`: the device's counter as sent, shape (n,); -1 if there is none.
+    - `status`: `Status` bits, shape (n,).
+    - `clock`: the device's clock as sent, in any unit of time, shape (n,); NaN if not sent.
+    """
+
+    if TYPE_CHECKING:
+
+        def __getitem__(self, rows: Any) -> "Samples": ...  # type: ignore[override]
+
+
 _SAMPLE = np.dtype(
     [
         ("stop", "i8"),
@@ -153,9 +163,10 @@ class Stated:
         Sample rate in Hz for the column of times, if the stream does not state it. Default: none. Example: --rate-hz 100.
     columns
         For lines of text: quantity of each column (ax, ay, az, gx, gy, gz, t, counter, time, or - for an unused one).
-        Default: recognised. Example: --columns time,ax,ay,az,-.
+        Default: as in the header line. Example: --columns time,ax,ay,az,-.
     unit
-        For lines of text: unit of the accelerations: g, mg, m/s2, or counts for one g. Default: guessed from their size.
+        For lines of text: unit of the accelerations: g, mg, m/s2, or counts for one g. Default: as in the header line,
+        otherwise guessed from their size.
         Example: --unit 'LSB 16384/g'.
     """
 

@@ -143,15 +143,11 @@ def _why_not(url: str, baud: int, error: Exception) -> str:
 
 def _terminal_of(path: Path) -> str | None:
     """Program and process number of the process with this device as its controlling terminal (proc(5): stat, tty_nr)."""
-    with contextlib.suppress(OSError):
-        device = path.stat()
-        own = os.major(device.st_rdev), os.minor(device.st_rdev)
-        for process in Path("/proc").glob("[0-9]*") if path.is_char_device() else ():
-            with contextlib.suppress(OSError):
-                name, fields = (process / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
-                number = int(fields.split()[4])
-                if own == (number >> 8 & 0xFFF, number & 0xFF | number >> 12 & 0xFFF00):
-                    return f"{name} (process {process.name})"
+    for process in Path("/proc").glob("[0-9]*") if path.is_char_device() else ():
+        with contextlib.suppress(OSError):
+            name, fields = (process / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
+            if int(fields.split()[4]) == path.stat().st_rdev:
+                return f"{name} (process {process.name})"
     return None
 
 

@@ -45,7 +45,7 @@ class LineColumns:
     checked: bool = False
 
     def row(self, line: bytes) -> dict[str, float] | None:
-        """The numbers of a line by quantity, force in g, NaN for nan, inf and ovf; None if the line does not have this layout."""
+        """The numbers of a line by quantity, force in g, NaN for nan, inf and ovf; None for a line of a different layout."""
         numbers = _numbers(line.decode("ascii", "replace"), self.separator, self.decimal_comma)
         if numbers is None or len(numbers) != len(self.columns):
             return None
@@ -58,11 +58,9 @@ def check_given(columns: tuple[str, ...], unit: str) -> None:
 
     **Raises:** `InputError` for an unknown quantity or unit, or an incomplete specific force.
     """
-    faults = [f"{name} unknown" for name in columns if name not in (*ROLES, "-")]
-    faults += [f"{name} missing" for name in FORCE if columns and name not in columns]
-    if faults:
+    if columns and not {*FORCE} <= {*columns} <= {*ROLES, "-"}:
         raise InputError(
-            f"text columns {','.join(columns)}: {', '.join(faults)}; give a list of {', '.join(ROLES)}, or - for an unused column"
+            f"text columns {','.join(columns)}: give ax, ay and az, and {', '.join(ROLES[3:])}, or - for an unused column"
         )
     if unit and unit not in UNITS_PER_G:
         raise InputError(f"text unit {unit!r}: unknown; give one of {', '.join(UNITS_PER_G)}")
@@ -130,7 +128,7 @@ def learn(
         words = f"the unit of the specific force is not known: give --unit ({', '.join(UNITS_PER_G)})"
         return (LineColumns(columns, unit, separator, decimal_comma, checked), "") if unit else (None, words)
     steps = np.diff(table, axis=0)
-    rising = (steps > 0).all(axis=0)
+    rising = np.logical_and.reduce(steps > 0)
     for first in range(width - 2) if len(table) >= _FEWEST_LINES else ():
         # A column that only rises is a time or a counter.
         by_length = unit or _unit_by_length(table[:, first : first + 3])

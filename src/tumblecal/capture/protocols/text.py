@@ -1,8 +1,10 @@
 """Lines of numbers, as boards with a sketch print them: commas, tabs, semicolons or spaces, with a header line.
 
-Columns without a header line must be given. Separator and decimal mark are learned from the lines and shown; a header line
-begins a new layout from its line on. Lines `$IMU,counter,microseconds,ax,ay,az,gx,gy,gz,T` (m/s^2, deg/s, degC) need none. A `*CC` checksum (exclusive or, NMEA-like) is verified if there is one, and then required.
-A stream without checksums is unprotected: a lost character makes a plausible wrong number.
+Columns without a header line must be given; lines `$IMU,counter,microseconds,ax,ay,az,gx,gy,gz,T` (m/s^2, deg/s, degC) need
+neither. Separator and decimal mark are learned from the lines and shown. A header line begins a new layout from its line on.
+
+A `*CC` checksum (exclusive or, NMEA-like) is verified if there is one, and then required. A stream without checksums is
+unprotected: a lost character makes a plausible wrong number.
 """
 
 import re
@@ -37,7 +39,7 @@ class TextDecoder:
 
     **Arguments:**
 
-    - `columns`, `unit`: quantity of each column, and the unit of the specific force, which header lines do not change; empty for
+    - `columns`, `unit`: quantity of each column, and unit of the specific force, which header lines do not change; empty:
       those of a header line.
     - `whole`: the first line is complete (a file); otherwise it is dropped, since a port opens within a line.
     """
@@ -49,14 +51,11 @@ class TextDecoder:
         self._tail, self._offset, self._drop_first = b"", 0, not whole
         self._header = list[str]()
         self._checks_seen, self._rejecting = 0, False
-        # Lines of a layout that is not known yet, number of lines with numbers among them, and the reasons reported so far.
-        self._waiting, self._numeric, self._told = list[tuple[int, bytes]](), 0, set[str]()
-        self._begin()
-
-    def _begin(self) -> None:
+        # Lines of a layout that is not known yet, and the reasons reported so far.
+        self._waiting, self._told = list[tuple[int, bytes]](), set[str]()
         self._rows, self._counts, self._events = list[tuple](), Counts(), list[Event]()
 
-    def feed(self, data: bytes) -> Decoded:
+    def feed(self, data: bytes, final: bool = False) -> Decoded:
         """Decode the lines that `data` completes."""
         *lines, self._tail = (self._tail + data).split(b"\n")
         for line in lines:
@@ -66,27 +65,22 @@ class TextDecoder:
                 self._drop_first = False
             else:
                 self._line(self._offset, line.rstrip(b"\r"))
-            if self._layout or self._numeric >= _LEARN_LINES or len(self._waiting) >= _GIVE_UP_LINES:
+            if self._layout or len(self._waiting) % _LEARN_LINES == 0:
                 self._read()
-        if len(self._tail) > _LONGEST_LINE:
+        if final or len(self._tail) > _LONGEST_LINE:
             self._counts.discarded += len(self._tail)
             self._offset += len(self._tail)
             self._tail, self._drop_first = b"", True
-        return self._decoded()
+        if final:
+            self._read(ended=True)
+        decoded = Decoded(samples_of(self._rows), self._events, self._counts)
+        decoded.counts.frames = len(self._rows)
+        self._rows, self._counts, self._events = list[tuple](), Counts(), list[Event]()
+        return decoded
 
     def finish(self) -> Decoded:
         """Learn the layout from the available lines if this was not done yet; a last line without end is discarded."""
-        self._counts.discarded += len(self._tail)
-        self._tail = b""
-        self._read(ended=True)
-        return self._decoded()
-
-    def _decoded(self) -> Decoded:
-        samples = samples_of(self._rows)
-        self._counts.frames = len(samples)
-        decoded = Decoded(samples, self._events, self._counts)
-        self._begin()
-        return decoded
+        return self.feed(b"", final=True)
 
     def _line(self, stop: int, line: bytes) -> None:
         """Check a line, and store it until the layout is known."""
@@ -106,7 +100,7 @@ class TextDecoder:
             (given, _), named = self._given, names_of(header)
             if not given:
                 # It begins a new layout.
-                if self._numeric:
+                if any(looks_numeric(line) for _, line in self._waiting):
                     self._read(ended=True)
                 self._layout = None
             self._header = header
@@ -114,7 +108,6 @@ class TextDecoder:
                 words = f"a header line names the columns {','.join(named)}; used as given: {','.join(given)}"
                 self._refuse(stop, words)
         self._waiting.append((stop, line))
-        self._numeric += looks_numeric(line)
 
     def _refuse(self, stop: int, text: str) -> None:
         if (reason := text.partition(":")[0]) not in self._told:
@@ -129,7 +122,7 @@ class TextDecoder:
             checked = self._checks_seen >= _CHECKED_LINES
             header = _IMU if 2 * sum(line.startswith("$IMU,") for line in numeric) > len(numeric) else []
             self._layout, question = learn(numeric, self._header or header, self._given, checked)
-            if not waiting or not (self._layout or question or ended or len(waiting) >= _GIVE_UP_LINES):
+            if not (self._layout or question or ended or len(waiting) >= _GIVE_UP_LINES):
                 return
             if self._layout:
                 content = asdict(self._layout) | {"unprotected": not self._layout.checked}
@@ -137,7 +130,7 @@ class TextDecoder:
             elif numeric:
                 words = f"no specific force was found in {len(numeric)} lines of numbers: left out"
                 self._refuse(waiting[-1][0], question or words)
-        self._waiting, self._numeric = [], 0
+        self._waiting = []
         for stop, line in waiting:
             row = self._layout.row(line) if self._layout else None
             if row:
