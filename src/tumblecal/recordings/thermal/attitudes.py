@@ -21,7 +21,6 @@ from tumblecal.recordings.still.intervals import Interval
 ONE_ATTITUDE_G = 2 * float(np.sin(np.radians(10.0) / 2))
 # Intervals of one attitude that differ by more than this (2 degrees) after a movement may be different positions.
 _DOUBTFUL_G = ONE_ATTITUDE_G / 5
-_SHOWN = 6
 
 
 def attitudes_of_intervals(
@@ -42,9 +41,7 @@ def attitudes_of_intervals(
         match = matched(means, plan)
         lines = [line for line in match.words() if "measured again" not in line]
         if surplus := [f"{intervals[k].start_s:.0f} s" for k in match.surplus]:
-            lines.append(
-                f"intervals at rest that are not positions of the plan are not used: {shortened(surplus, _SHOWN)}"
-            )
+            lines.append(f"intervals at rest that are not positions of the plan are not used: {shortened(surplus, 6)}")
         return [Place("").at_step(plan, k) if k >= 0 else None for k in match.positions.tolist()], lines
     if of_file is None and (stated := _stated(samples, intervals)):
         return stated, []

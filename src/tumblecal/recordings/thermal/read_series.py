@@ -35,7 +35,6 @@ from tumblecal.recordings.thermal.thermal_table import READINGS
 
 # Names of columns in units that are not converted.
 _NOT_DEGC = re.compile(r"(?:^|[\W_]|(?<=[a-z]))(?:deg_?[FfKk]|F|K|(?<![A-Za-z])[fk]|[Ff]ahrenheit|[Kk]elvin)\W*$")
-_SHOWN = 3
 # Median of chi-squared with one degree of freedom.
 _MEDIAN_CHI2 = 0.455
 # Rows whose noise is larger are means of different positions, whose standard deviation only the user knows.
@@ -90,7 +89,7 @@ def read_series(
             else:
                 check_still(path, stillness, to_g)
             if reasons := [f"{one.start_s:.0f} s: {one.reason}" for one in stillness.intervals if one.reason]:
-                lines.append(f"intervals at rest that are not used: {shortened(reasons, _SHOWN)}")
+                lines.append(f"intervals at rest that are not used: {shortened(reasons, 3)}")
             degc, first = block_temperatures(path, samples, stillness.blocks)
             means = to_g * np.array([interval.mean for interval in stillness.used])
             places, warnings = attitudes_of_intervals(samples, stillness.used, means, plan, of_file)
@@ -130,15 +129,19 @@ def _stays(
     stillness: Stillness, places: Sequence[Place | None], steps: Sequence[int], prefix: str, mount: str | None
 ) -> tuple[NDArray[np.int64], pl.DataFrame]:
     """The number of the stay of each block, -1 in none, and the attitude of each stay; successive intervals in one attitude are
-    one stay. After each step there are separate attitudes: its jump is then no change with temperature."""
-    visit, stays, before = np.full(len(stillness.blocks), -1), list[Place](), None
-    times = stillness.blocks.start_s[steps]
+    one stay. After each step there are separate attitudes: its jump is then no change with temperature.
+
+    **Arguments:** `places`: of each used interval. `steps`: blocks after a step. `prefix`: of labels of unknown attitudes.
+    `mount`: the label of stays whose place has none.
+    """
+    blocks, stays, before = stillness.blocks, list[Place](), None
+    visit, times = np.full(len(blocks), -1), blocks.start_s[steps]
     for interval, place in zip(stillness.used, places, strict=True):
         if place is not None:
-            after = "".join(f" after {time_s:.0f} s" for time_s in times[times <= interval.start_s][-1:])
+            after = "".join(f" after {at:.0f} s" for at in times[blocks.row[steps] <= interval.start][-1:])
             place = replace(place, name=f"{'' if place.known else prefix}{place.name}{after}")
             stays += [place] if place != before else []
-            visit[blocks_of_interval(interval, stillness.blocks)] = len(stays) - 1
+            visit[blocks_of_interval(interval, blocks)] = len(stays) - 1
         before = place
     rows = [(one.name, one.mount or mount, one.alpha_deg, one.beta_deg) for one in stays]
     columns = {"position": pl.String, "mount": pl.String, "alpha_deg": pl.Float64, "beta_deg": pl.Float64}
