@@ -17,7 +17,7 @@ from tumblecal.data.raw import Raw, header_of
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of
-from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples, stated_comments
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples, require_samples, stated_comments
 from tumblecal.recordings.dwells.place import Place
 from tumblecal.recordings.options import KnownContext
 
@@ -49,6 +49,8 @@ def dwells_by_columns(raw: Raw, recording: str, *, means_given: bool = False) ->
     for rows in dwells:
         stated: dict[str, Any] = {name: values[rows[0]].item() for name, values in cells.items()}
         places.append(Place(stated.pop("position", f"p{len(places) + 1}"), **stated))
+    # A table of means may have neither times nor rate: the number of samples is checked first.
+    require_samples(source, places, dwells)
     rate_hz, middle_s = _times(raw, dwells)
     gravity, warmth = raw.gravity or (STANDARD if raw.in_ms2 else None), raw.temperature_degc()
     comments = {key: value for key, value in raw.comments.items() if key != "rate_hz"}

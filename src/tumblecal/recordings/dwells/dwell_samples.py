@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, names_of
 from tumblecal.capture.decoding.samples import Floats
@@ -61,6 +62,24 @@ class DwellSamples:
         return sum(map(len, self.force)) / self.rate_hz if self.force else None
 
 
+def require_samples(
+    source: str,
+    places: Sequence[Place],
+    dwells: Sequence[NDArray],
+    fewest: int = _FEWEST,
+    remedy: str = _OF_MEANS,
+) -> None:
+    """Check that every dwell has enough samples (rows) for a mean.
+
+    **Raises:** `InputError` with the dwells that have too few samples.
+    """
+    names = names_of([place.name for place in places])
+    if few := [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < fewest]:
+        raise InputError(
+            f"{source}: too few samples at position {shortened(few, _SHOWN)}; {fewest} are needed at each{remedy}"
+        )
+
+
 def dwell_samples(
     source: str,
     places: Sequence[Place],
@@ -85,11 +104,7 @@ def dwell_samples(
 
     **Raises:** `InputError` with the dwells that have too few samples.
     """
-    names = names_of([place.name for place in places])
-    if few := [f"{name} ({len(rows)})" for name, rows in zip(names, force, strict=True) if len(rows) < fewest]:
-        raise InputError(
-            f"{source}: too few samples at position {shortened(few, _SHOWN)}; {fewest} are needed at each{remedy}"
-        )
+    require_samples(source, places, force, fewest, remedy)
     readings, degc = np.array([dwell.mean(0) for dwell in force]), None
     if finite := [part[np.isfinite(part)] for part in temperatures or ()]:
         degc = np.array([part.mean() for part in finite]) if all(map(len, finite)) else None
