@@ -53,7 +53,7 @@ def analyse(problem: Problem) -> Harmonics:
             f"{data.source}: harmonic analysis needs known angles; here each position has an unknown attitude"
         )
     chain, where = default_chain(data), where_of(data)
-    by = next(leaf.by for leaf in chain.free if leaf.name == "dbeta") or "pitch"
+    by = next((leaf.by for leaf in chain.free if leaf.name == "dbeta"), None) or "pitch"
     group = np.asarray(where.index(by))
     count, rows = int(group.max()) + 1, data.readings.size
     size = 9 * count
