@@ -237,7 +237,7 @@ FOLDERS = {
     "calibrate run": "run: the folder of a capture; give run/positions.csv of this command: tumblecal reduce run",
     "reduce run --static": "For its position means, run: tumblecal reduce run",
     "import run --out x.csv": "For its samples, give run/raw.log",
-    "decode run": "run: a folder; give a file of bytes, run/raw.log",
+    "decode run": "run: a folder; give a file of bytes, such as run/raw.log",
     "diagnose reduced": "reduced: a folder; give the file, reduced/positions.csv",
 }
 

@@ -45,7 +45,7 @@ def test_every_command_that_ends_by_itself_can_be_quiet(tumblecal, table1_file, 
         "export": [own, "--to", "csv", "--out", tmp_path / "unit.csv"],
         "compare": [own, own],
         "history": [lab, "--example"],
-        "decode": [tmp_path / "bytes.bin"],
+        "decode": [tmp_path / "bytes.bin", "--columns", "ax,ay,az", "--unit", "g"],
     }
     said = {name: tumblecal(name, *words, "-q") for name, words in commands.items()}
     assert all((outcome.code, outcome.out) == (0, "") for outcome in said.values()), [*said.values()]

@@ -89,7 +89,7 @@ def test_files_with_control_characters_are_refused_in_plain_lines(tmp_path, read
 def test_what_devices_and_recordings_say_is_kept_with_escapes(text):
     said = [
         *(Event(0, "reply", {"text": text}).content.values()),
-        str(Identity("/dev/ttyUSB0", serial_number=text, description=text).as_dict().get("serial_number")),
+        str(Identity("/dev/ttyUSB0", serial_number=text, description=text).serial_number),
     ]
     table = Table(text, ("ax", text), lambda names: iter(()), stated={text: text}, words=text).plain()
     said += [table.name, *table.columns, *table.stated, *table.stated.values(), table.words]

@@ -143,10 +143,12 @@ def exact_truth(
         with faults_at(config, f"effects.{id}"):
             scale = base_unit(entry(entries, id).unit)[1]
             link = links(entries, (id,), where)[id][0]
-            names = [name for leaf in Chain((link,)).parameters for name in leaf.names]
-            if len(names) < len(values):
-                raise InputError(f"{len(values)} values, but it has {counted(len(names), 'coefficient')}")
-            chain = (chain + link).named({name: scale * value for name, value in zip(names, values, strict=False)})
+            leaves = Chain((link,)).parameters
+            factors = {name: 1.0 if leaf.unit == "s" else scale for leaf in leaves for name in leaf.names}
+            if len(factors) < len(values):
+                raise InputError(f"{len(values)} values, but it has {counted(len(factors), 'coefficient')}")
+            stated = zip(factors.items(), values, strict=False)
+            chain = (chain + link).named({name: factor * value for (name, factor), value in stated})
     evaluate = eqx.filter_jit(lambda chain, where: chain(where))
 
     def truth(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float):

@@ -223,8 +223,9 @@ def _parted(piece: bytes, separator: str, *, words: bool) -> bytes:
         if b"  " in piece or b"\t" in piece or b"\n " in piece or piece[:1] == b" ":
             piece = re.sub(rb"(?m)^ ", b"", re.sub(rb"[ \t]+", b" ", piece))
     elif b" " in piece:
-        blanks = rb"(?m)^ +| *(" + re.escape(between) + rb") *"
-        piece = re.sub(blanks, rb"\1", piece) if words else piece.replace(b" ", b"")
+        piece = (
+            re.sub(rb"(?m)^ +| *(" + re.escape(between) + rb") *", rb"\1", piece) if words else piece.replace(b" ", b"")
+        )
     # A separator at the end of a line does not begin a cell.
     piece = piece.replace(between + b"\n", b"\n")
     return piece if words else piece.replace(b"+", b"")

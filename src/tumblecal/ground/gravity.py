@@ -17,7 +17,7 @@ from tumblecal.ground.text_file import shown
 
 STANDARD_GRAVITY_MS2 = 9.80665
 # Units of accelerations in use, for one standard g.
-UNITS_PER_G = {"g": 1.0, "mg": 1000.0, "m/s2": STANDARD_GRAVITY_MS2, "mm/s2": 1000 * STANDARD_GRAVITY_MS2} | {
+UNITS_PER_G = {"g": 1.0, "mg": 1000.0, "m/s2": STANDARD_GRAVITY_MS2} | {
     f"LSB {counts}/g": float(counts) for counts in (2048, 4096, 8192, 16384, 256)
 }
 # Gravity on the ground is between 9.76 and 9.84 m/s^2; the limits include mines and aircraft.

@@ -23,6 +23,8 @@ _KNOWN = {"--unit": (_FORCE_UNITS, "g"), "--gyro-unit": (_RATE_UNITS, "dps")}
 # Names of units in files, as an option is written.
 AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
 PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
+# The units of numbers that are not whole, for one g; the last one is mm/s^2. Counts are whole.
+_NOT_COUNTS = {"g": 1.0, "mg": 1000.0, "m/s2": UNITS_PER_G["m/s2"], "mm/s2": 1000 * UNITS_PER_G["m/s2"]}
 # Readings whose size is one g in some unit to within this factor have this unit; if several attitudes show the bias, within
 # the second.
 _LARGEST_RATIO, _LARGEST_RATIO_WITHOUT_BIAS = 1.3, 1.15
@@ -56,13 +58,15 @@ def with_units(
     notes: list[str],
     sizes: tuple[float, float, float],
     path: str,
+    *,
+    whole: bool,
 ) -> tuple[dict[str, Column], float | None]:
     """The columns with the units of accelerations and rates: by option, by name or format, or the one in which the size of the
     accelerations is about one g. Rates in counts remain counts unless the counts for one deg/s are known.
 
     **Arguments:**
 
-    - `sizes`: as of `size_of`.
+    - `sizes`: as of `size_of`. `whole`: whether the accelerations are whole numbers.
 
     **Returns:** the columns, and the counts for one g if the accelerations are counts and it is known.
 
@@ -71,7 +75,7 @@ def with_units(
     size, changes, dispersion = sizes
     unit, per_g, why = _stated(columns, FORCE, options.unit, "--unit", path)
     if why == "name" and unit in ("", "counts"):
-        near = unit_by_size(size, without_bias=dispersion < changes)
+        near = unit_by_size(size, without_bias=dispersion < changes, whole=whole)
         if "a" in table.per_unit and not options.scale:
             per_g, why = table.per_unit["a"], "format"
         elif unit and "counts_per_g" in table.stated:
@@ -109,7 +113,7 @@ def _stated(
     return next(iter(named), ""), None, "name"
 
 
-def unit_by_size(size: float, *, without_bias: bool = False) -> str:
+def unit_by_size(size: float, *, without_bias: bool = False, whole: bool = True) -> str:
     """The unit in which a size of the accelerations is about one g, as a user writes it; empty for none.
 
     **Arguments:**
@@ -118,8 +122,8 @@ def unit_by_size(size: float, *, without_bias: bool = False) -> str:
     """
     if not size > 0:
         return ""
-    near = min(UNITS_PER_G, key=lambda unit: abs(np.log(size / UNITS_PER_G[unit])))
-    per = UNITS_PER_G[near]
+    units = UNITS_PER_G if whole else _NOT_COUNTS
+    near, per = min(units.items(), key=lambda unit: abs(np.log(size / unit[1])))
     ratio = _LARGEST_RATIO_WITHOUT_BIAS if without_bias else _LARGEST_RATIO
     return (near if near in ("g", "mg", "m/s2") else f"{per:g}/g") if 1 / ratio < size / per < ratio else ""
 

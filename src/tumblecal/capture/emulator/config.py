@@ -104,7 +104,7 @@ class Mistake(Strict):
 class Emulation(Strict):
     """A virtual instrument on a dividing head; `rig`: a rig file with its true parameters; None for an ideal one.
 
-    `effects`: coefficients of effects of the catalogue by id, in the catalogue's units (only with a rig).
+    `effects`: coefficients of effects of the catalogue by id, in its units, time constants in s (only with a rig).
     """
 
     instrument: Instrument = Instrument()

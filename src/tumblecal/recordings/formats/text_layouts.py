@@ -41,8 +41,8 @@ def header_of(
 
     - `width`: cells of a row. `filled`: of these up to the last one that is not empty in all rows; the others need no name.
 
-    **Raises:** `InputError` for a line that names more or fewer columns than the rows have, or two accelerations or clocks
-    alike, unless the user gives the columns by number. Other columns with one name for several have their numbers instead.
+    **Raises:** `InputError` for a line that names more or fewer columns than the rows have, or one name for two accelerations
+    or clocks, unless the user gives the columns by number. Other columns with one name for several have their numbers instead.
     """
     for line, names in _KNOWN.items():
         if any(text.startswith(line) for text in before) and len(names) == width:
