@@ -53,7 +53,7 @@ class ThermalModel:
         table = self.table
         known = table.known_attitudes
         angles = (table.alpha_deg, table.beta_deg) if known else directions_of(table)
-        alpha, beta = (np.radians(angle) for angle in angles)
+        alpha, beta = np.radians(angles)
         return settings(
             alpha,
             beta,

@@ -128,8 +128,8 @@ def _fitted(choice: Choice) -> tuple[Fit, Test]:
     factor = max(1.0, float(np.sqrt(square / dof))) if dof >= _ONE else 1.0
     misfit_g = max(noise_of(table) * np.sqrt(factor**2 - 1), _misfit_of_attitudes(table, fit, stated))
     if factor > 1:
-        frame = table.frame.with_columns(pl.col(SDS) * factor)
-        fit = exact.fit(replace(model, table=replace(table, frame=frame)).problem, fit.values)
+        model = replace(model, table=replace(table, frame=table.frame.with_columns(pl.col(SDS) * factor)))
+        fit = exact.fit(model.problem, fit.values)
     unchosen = sum(choice.design.families[leaf].shape[1] for leaf in choice.highest if not choice.orders.get(leaf))
     return fit, Test(factor, float(misfit_g), dof - unchosen - _repeated(table))
 
