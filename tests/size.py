@@ -12,6 +12,7 @@ in the code: neither joined lines nor code in strings make it smaller.
 import ast
 import tomllib
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 
@@ -39,6 +40,7 @@ def size_of(source: str) -> int:
     return size
 
 
+@cache
 def sizes(root: Path = ROOT / "src" / "tumblecal") -> Counter[str]:
     """Size of each folder of the source; of the files in the root itself: "."."""
     found = Counter[str]()

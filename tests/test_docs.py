@@ -51,7 +51,7 @@ def public_objects(folder: str) -> dict[str, object]:
     return {name: thing for name, thing in listed.items() if all(thing is not other for other in elsewhere)}
 
 
-_COMPILED = ("diagnosis", "simulation")  # their examples compile for seconds
+_COMPILED = ("diagnosis", "planning", "simulation")  # their examples compile for seconds
 
 
 @pytest.mark.parametrize(

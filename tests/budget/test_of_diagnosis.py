@@ -114,7 +114,12 @@ def test_an_effect_is_not_counted_twice_in_silence(tumblecal, folder, table1_fil
         ({"uncertainty_parts": None}, (), "give the folder of tumblecal diagnose"),
         ({"uncertainty_parts": {"noise": {}, "explanations": {}, "undetected_effects": {}}}, (), "dK_x, .* missing"),
         ({}, ("--monte-carlo", "500"), "--diagnosis cannot be combined with --monte-carlo"),
-        ({}, ("--fix", "gamma"), r"of another model than the budget \(gamma_21, gamma_31, gamma_32 not fitted\)"),
+        pytest.param(
+            {},
+            ("--fix", "gamma"),
+            r"of another model than the budget \(gamma_21, gamma_31, gamma_32 not fitted\)",
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_a_diagnosis_that_does_not_fit_is_one_line(tumblecal, folder, table1_file, tmp_path, changed, options, words):

@@ -68,8 +68,8 @@ GROUPS = {
 }
 
 
-# Two groups are in CI.
-IN_CI = {("one d=10", True), ("unknown d=10", True)}
+# One group is in CI.
+IN_CI = {("unknown d=10", True)}
 JOBS = [pytest.param(*own, marks=[] if own in IN_CI else pytest.mark.long) for own in GROUPS]
 
 

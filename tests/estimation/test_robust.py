@@ -31,7 +31,9 @@ def problem_of_noise(chain, noise, *, known=True):
     return Problem.from_arrays(chain, where, np.asarray(chain(where)) + noise, noise_sd=SD if known else None)
 
 
-@pytest.mark.parametrize("solver", [optx.LevenbergMarquardt(1e-10, 1e-10), optx.BFGS(1e-9, 1e-9)])
+@pytest.mark.parametrize(
+    "solver", [pytest.param(optx.LevenbergMarquardt(1e-10, 1e-10), marks=pytest.mark.long), optx.BFGS(1e-9, 1e-9)]
+)
 def test_any_solver_gives_the_fit(chain, solver):
     problem = problem_of_noise(chain, np.random.default_rng(1).normal(scale=SD, size=(48, 3)))
     expected, fit = tumblecal.fit(problem), tumblecal.fit(problem, solver=solver)
@@ -45,7 +47,10 @@ def test_a_solver_that_does_not_arrive_says_so(chain):
     assert not tumblecal.fit(problem, solver=slow).code.good
 
 
-@pytest.mark.parametrize(("loss", "name", "threshold"), [(huber(), "huber", 1.345), (cauchy(), "cauchy", 2.385)])
+@pytest.mark.parametrize(
+    ("loss", "name", "threshold"),
+    [pytest.param(huber(), "huber", 1.345, marks=pytest.mark.long), (cauchy(), "cauchy", 2.385)],
+)
 def test_the_estimate_is_that_of_scipy(chain, loss, name, threshold):
     problem = problem_of_noise(chain, with_gross_errors(np.random.default_rng(2)))
     fit = tumblecal.fit(problem, loss=loss)

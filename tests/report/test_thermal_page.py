@@ -64,6 +64,7 @@ def test_the_page_s_example_prints_its_lines_and_finds_the_bias(example):
     assert table[0].startswith("temperature_degc,dK_x,u_dK_x") and len(table) > 50
 
 
+@pytest.mark.long
 def test_the_page_is_complete_in_a_browser(example, chromium):
     page = example / "unit17" / "thermal.html"
     for width in (1280, 500):
