@@ -115,13 +115,12 @@ def table_of(attitude: Sequence[str], readings: ArrayLike, sd: ArrayLike, temper
     """A table; single numbers are valid for all rows. By default: one row a minute, all on one rising branch and clock."""
     count, columns = len(attitude), {"n": 1000.0, "direction": 0, "rate_degc_per_s": 0.0, **columns}
     given = {"branch": "arrays:1 up", "clock": "1", "time_s": 60.0 * np.arange(count), "n_eff": columns["n"]}
-    given |= {"reached_by": columns["direction"], **columns, "sd": sd, "readings": readings}
-    given["temperature_degc"] = temperature_degc
-    frame = pl.DataFrame({"position": attitude})
+    given |= {"reached_by": columns["direction"], **columns, "sd": sd, "temperature_degc": temperature_degc}
+    frame = pl.DataFrame({"position": attitude}).with_columns(pl.from_numpy(np.asarray(readings, float), READINGS))
     for name, values in given.items():
-        names = {"readings": READINGS, "sd": SDS, "n_eff": INDEPENDENT, "clock": ["run"]}.get(name, [name])
-        array = np.asarray(values)
-        array = np.broadcast_to(array[:, None] if array.shape == (count,) else array, (count, len(names)))
+        names = {"sd": SDS, "n_eff": INDEPENDENT, "clock": ["run"]}.get(name, [name])
+        column = np.reshape(values, (-1, 1)) if np.shape(values) == (count,) else values
+        array = np.broadcast_to(column, (count, len(names)))
         frame = frame.with_columns(pl.Series(each, array[:, k]) for k, each in enumerate(names))
     return ThermalTable(frame.cast({"direction": int, "reached_by": int}), "arrays", {ATTITUDES: UNKNOWN})
 
