@@ -19,7 +19,7 @@ from tumblecal.recordings.units import PER_G, may_be_gravity, size_of
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
 _MOST_SHOWN, _MOST_COLUMNS = 4, 40
 # Dispersions of lengths within this factor are equal.
-_ALIKE = 2.0
+_SAME_DISPERSION = 2.0
 _WITHOUT = (
     "accelerations along axes of the Earth, or without the size of gravity: no calibration is possible from them. Record the "
     "sensor's readings, or use these all the same"
@@ -140,4 +140,4 @@ def proposals(columns: Sequence[str], values: NDArray[np.float64]) -> list[Tripl
     ]
     # At one attitude, neighbours of the axis along gravity are as constant as the three axes: the first columns are proposed.
     least = min((one.dispersion for one in found if one.with_gravity), default=0.0)
-    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion > _ALIKE * least))
+    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion > _SAME_DISPERSION * least))

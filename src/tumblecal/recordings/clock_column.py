@@ -9,7 +9,7 @@ import polars as pl
 from tumblecal.data.column_names import parsed, role_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
-from tumblecal.recordings.clock import FORMS, TIME_S, form_of, overflows, rises, seconds_of, unit_of_times
+from tumblecal.recordings.clock import DAY_S, FORMS, TIME_S, form_of, overflows, rises, seconds_of, unit_of_times
 from tumblecal.recordings.columns import Column, stated_rate
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
@@ -80,7 +80,7 @@ def clock_with_unit(
         return replace(column, unit="s", scale=scale, offset=float(cells.to_physical()[0]))
     if form := form_of(_texts(pl.concat([cells.head(_CLOCK_ROWS), cells.tail(_CLOCK_ROWS)]))):
         begin = first.select(seconds_of(name, form)).to_series().drop_nulls()
-        day = float(begin[0] // 86400) if len(begin) and "<year>" in FORMS[form] else 0.0
+        day = float(begin[0] // DAY_S) if len(begin) and "<year>" in FORMS[form] else 0.0
         return replace(column, unit="s", form=form, offset=day)
     times = column.numbers(first)
     counter = overflows(times)

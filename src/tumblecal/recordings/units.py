@@ -24,7 +24,7 @@ _KNOWN = {"--unit": (_FORCE_UNITS, "g"), "--gyro-unit": (_RATE_UNITS, "dps")}
 AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
 PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
 # The units of numbers that are not whole, for one g; the last one is mm/s^2. Counts are whole.
-_NOT_COUNTS = {"g": 1.0, "mg": 1000.0, "m/s2": UNITS_PER_G["m/s2"], "mm/s2": 1000 * UNITS_PER_G["m/s2"]}
+_NOT_COUNTS = {unit: UNITS_PER_G[unit] for unit in ("g", "mg", "m/s2")} | {"mm/s2": 1000 * UNITS_PER_G["m/s2"]}
 # Readings whose size is one g in some unit to within this factor have this unit; if several attitudes show the bias, within
 # the second.
 _LARGEST_RATIO, _LARGEST_RATIO_WITHOUT_BIAS = 1.3, 1.15

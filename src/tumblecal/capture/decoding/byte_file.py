@@ -13,7 +13,7 @@ import polars as pl
 
 from tumblecal.capture.decoding.frame_numbers import CountedStream
 from tumblecal.capture.decoding.sample_table import known_columns, table_of, write_frames
-from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank, is_known
+from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank, usable
 from tumblecal.capture.decoding.sniff import guessed
 from tumblecal.capture.log import MAGIC, LogReader, RecordKind
 from tumblecal.capture.protocols import Protocol, protocol
@@ -85,7 +85,7 @@ class FileContents:
         for event in piece.events:
             known[event.kind] += 1
             self.events += [event] * (known[event.kind] <= _STORED_EVENTS)
-        force = samples.force[(samples.status == 0) & is_known(samples.force)]
+        force = samples.force[usable(samples)]
         if len(force):
             self._typical = self._typical if self.good else force[0]
             self.good += len(force)

@@ -73,11 +73,11 @@ def reading(layout_of: Callable[[bytes], Layout]) -> Reading:
             same = sizes == sizes[0]
             rows = rows_of(data, starts[same], int(sizes[0]))
             layout = layout_of(rows[0].tobytes())
-            alike = (rows[:, layout.describing] == rows[0, layout.describing]).all(axis=1)
-            same[same] = alike
+            equal = (rows[:, layout.describing] == rows[0, layout.describing]).all(axis=1)
+            same[same] = equal
             stops = starts[same] + sizes[0] + offset
             if any(field.quantity == "force" for field in layout.fields):
-                samples = filled(rows[alike], layout.fields)
+                samples = filled(rows[equal], layout.fields)
                 samples.stop[:] = stops
                 samples.status[:] |= not_a_number(samples.force)
                 parts.append(samples)

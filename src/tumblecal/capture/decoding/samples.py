@@ -90,6 +90,11 @@ def is_known(force: Floats) -> Mask:
     return np.logical_and.reduce([np.isfinite(component) for component in force.T])
 
 
+def usable(samples: Samples) -> Mask:
+    """Whether samples have no status bit and a finite specific force, shape (n,)."""
+    return (samples.status == 0) & is_known(samples.force)
+
+
 def not_a_number(force: Floats) -> Bytes:
     """The status of samples by their specific force alone."""
     return ~is_known(force) * np.uint8(Status.NOT_A_NUMBER)

@@ -52,7 +52,7 @@ class TextDecoder:
         self._header = list[str]()
         self._checks_seen, self._rejecting = 0, False
         # Lines of a layout that is not known yet, and the reasons reported so far.
-        self._waiting, self._told = list[tuple[int, bytes]](), set[str]()
+        self._waiting, self._reported = list[tuple[int, bytes]](), set[str]()
         self._rows, self._counts, self._events = list[tuple](), Counts(), list[Event]()
 
     def feed(self, data: bytes, final: bool = False) -> Decoded:
@@ -110,8 +110,8 @@ class TextDecoder:
         self._waiting.append((stop, line))
 
     def _refuse(self, stop: int, text: str) -> None:
-        if (reason := text.partition(":")[0]) not in self._told:
-            self._told.add(reason)
+        if (reason := text.partition(":")[0]) not in self._reported:
+            self._reported.add(reason)
             self._events.append(Event(stop, "refused", {"text": text}))
 
     def _read(self, ended: bool = False) -> None:

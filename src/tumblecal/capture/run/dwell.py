@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import LimitsTable
 from tumblecal.capture.decoding.losses import Losses, count_losses, losses_from_time
-from tumblecal.capture.decoding.samples import Samples
+from tumblecal.capture.decoding.samples import Samples, usable
 from tumblecal.capture.port.live import Arrived, collected
 from tumblecal.capture.protocols import Protocol
 from tumblecal.capture.run.rest import Blocks
@@ -35,7 +35,7 @@ class Dwell:
     def take(self, part: Arrived) -> None:
         """Add new samples."""
         if count := len(part.samples):
-            force = part.samples.force[(part.samples.status == 0) & np.isfinite(part.samples.force).all(1)]
+            force = part.samples.force[usable(part.samples)]
             self.parts.append(part)
             self._force.append(force * self._to_local_g)
             self.good += len(force)

@@ -18,14 +18,13 @@ from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
 from tumblecal.recordings.correction.outside_range import OutsideRange
 from tumblecal.recordings.correction.uncorrected import Uncorrected
+from tumblecal.recordings.formats.text import DECIMAL_COMMA
 from tumblecal.recordings.rows import SOURCE_COLUMNS, WHOLE
 
 
 # The comment with the rows of the source that have no reading and are not in the corrected file.
 LEFT_OUT = "left_out"
 TEMPERATURE = "temperature_degc"
-# A number with a decimal comma, in two parts.
-_DECIMAL_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
 # Thermal terms are valid this far beyond the temperatures for which they were fitted.
 _WARMER_DEGC = 1.0
 
@@ -97,7 +96,7 @@ def write_corrected(
             of_source = SOURCE_COLUMNS in frame.columns
             columns = frame[SOURCE_COLUMNS].struct.unnest() if of_source else frame.drop(ROW, WHOLE, strict=False)
             if header.layout is not None and header.layout.separator != ",":
-                columns = columns.with_columns(pl.col(pl.String).str.replace(_DECIMAL_COMMA, "$1.$2"))
+                columns = columns.with_columns(pl.col(pl.String).str.replace(DECIMAL_COMMA, "$1.$2"))
             yield columns.with_columns(force).rename(renamed)
         if outside is not None and not correction.extrapolate:
             outside.require_none(header.path, correction.path)

@@ -10,7 +10,7 @@ import numpy as np
 from tumblecal.capture.capture_plan import SETUP, CapturePlan, CaptureSetup
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.losses import SAME_RATE
-from tumblecal.capture.decoding.samples import Floats, Status
+from tumblecal.capture.decoding.samples import Floats, Status, usable
 from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, Attempt, RunState, read_journal, replayed, sha256_of
 from tumblecal.capture.log import RecordKind, read_log
 from tumblecal.capture.protocols import protocol
@@ -156,7 +156,7 @@ def _decoded(
     losses = losses_of(device, samples, host_s, rate_hz, inside, specials)
     guard = round(plan.dwell.guard_s * rate_hz)
     dwell = samples[inside.start + guard : inside.stop - guard]
-    use = (dwell.status == 0) & np.isfinite(dwell.force).all(1)
+    use = usable(dwell)
     full = settings.range_g if settings and settings.range_g else (np.inf,) * 3
     saturated = (np.abs(dwell.force) > _NEAR_FULL_SCALE * np.array(full)).any(1) | (dwell.status & Status.OVERLOAD != 0)
     temperatures = {key: attempt.summary[key] for key in ("requested_degc", "chamber_degc") if key in attempt.summary}

@@ -26,14 +26,14 @@ class PlanMatch:
 
     - `positions`: index in the plan, by interval; -1 for none (surplus). `names`: names of the plan's positions.
     - `angle_deg`: angle to the nearest direction of the plan. `in_order`: whether the intervals are in the plan's order.
-    - `alike`: positions with that direction, by interval; none if it is too far away.
+    - `same_direction`: positions with that direction, by interval; none if it is too far away.
     """
 
     positions: Integers
     angle_deg: Floats
     in_order: bool
     names: tuple[str, ...]
-    alike: list[list[int]]
+    same_direction: list[list[int]]
 
     @property
     def surplus(self) -> list[int]:

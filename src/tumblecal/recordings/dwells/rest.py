@@ -165,10 +165,10 @@ def _require_separable(plan: CapturePlan, match: PlanMatch, files: Sequence[Path
 
     **Raises:** `InputError` for a file that fits several positions.
     """
-    placed = [(k, alike) for k, alike in zip(match.positions.tolist(), match.alike, strict=True) if k >= 0]
-    for (k, alike), file in zip(placed, files, strict=True):
-        angles = [(plan.steps[other].alpha_deg, plan.steps[other].beta_deg) for other in (k, *alike)]
-        if others := [match.names[other] for other, pair in zip(alike, angles[1:], strict=True) if pair != angles[0]]:
+    placed = [(k, same) for k, same in zip(match.positions.tolist(), match.same_direction, strict=True) if k >= 0]
+    for (k, same), file in zip(placed, files, strict=True):
+        angles = [(plan.steps[other].alpha_deg, plan.steps[other].beta_deg) for other in (k, *same)]
+        if others := [match.names[other] for other, pair in zip(same, angles[1:], strict=True) if pair != angles[0]]:
             raise InputError(
                 f"{file}: gravity cannot separate position {match.names[k]} of the plan from {', '.join(others[:4])}; name the "
                 "files like the positions, or give --table files.csv"

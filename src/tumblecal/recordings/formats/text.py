@@ -25,7 +25,8 @@ _MOMENT = r"\d{10}(\.\d*)?"
 _ROLES = {"SampleTimeFine": "time_100us"}
 # A cell without a number, as loggers write it.
 _MISSING = re.compile(r"^(\W{0,3}|nan|null|none|n/?a)$", re.IGNORECASE)
-_DECIMAL_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
+# A number with a decimal comma, in two parts.
+DECIMAL_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
 
 
 def _is_text(path: Path, head: bytes) -> bool:
@@ -73,18 +74,12 @@ def _read(source: Source) -> list[Table]:
         good = []
     # Lines before the rows have words in some columns of numbers.
     numeric = [k for k, cells in enumerate(zip(*good, strict=True)) if 2 * numbers_in(cells) > len(good)]
-    numbers = [
-        len(row) in (width, width - 1) and numbers_in([_MISSING.sub("0", row[k]) for k in numeric if k < len(row)])
+    are_rows = [
+        len(row) in (width, width - 1) and numbers_in(row) >= 3
+        and numbers_in([_MISSING.sub("0", row[k]) for k in numeric if k < len(row)]) >= len(numeric) - (len(row) < width)
         for row in rows
-    ]
-    first = next(
-        (
-            k
-            for k, count in enumerate(numbers)
-            if good and numbers_in(rows[k]) >= 3 and count >= len(numeric) - (len(rows[k]) < width)
-        ),
-        len(rows),
-    )
+    ]  # fmt: skip
+    first = are_rows.index(True) if True in are_rows else len(rows)
     # A last column may be empty in all rows.
     named = {len(row) for row in rows if known_names(row)}
     ends = separator != " " and all(line.rstrip(" ").endswith(separator) for line in middle)
@@ -122,14 +117,14 @@ def text_table(
     with_commas = decimal in ("comma", ",")
     if not decimal and layout.separator in ";\t|" + FORM_SEPARATOR:
         head = next(layout.frames(layout.names)).head(_LINES)
-        with_commas = any(head[column].str.contains(_DECIMAL_COMMA).any() for column in layout.names)
+        with_commas = any(head[column].str.contains(DECIMAL_COMMA).any() for column in layout.names)
 
     def pieces(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         report = source.damage.report
         for frame in layout.frames(
             columns, cut=lambda line: report(f"line {line} has no end and may be truncated: left out")
         ):
-            yield frame.with_columns(pl.col(pl.String).str.replace(_DECIMAL_COMMA, "$1.$2")) if with_commas else frame
+            yield frame.with_columns(pl.col(pl.String).str.replace(DECIMAL_COMMA, "$1.$2")) if with_commas else frame
 
     return Table(
         *(name, layout.names, pieces),
