@@ -21,7 +21,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.report.calibration_words import noise_words, temperature_words
-from tumblecal.report.narrow import folded
+from tumblecal.show.narrow import folded
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")

@@ -10,10 +10,10 @@ from reading_html import Cells
 
 from tumblecal.data import paper
 from tumblecal.report.drawing import new_figure
-from tumblecal.report.page import Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_study
-from tumblecal.report.tables import Table
-from tumblecal.report.verdict import Finding, Unresolved, Verdict
+from tumblecal.show.page import Section, inline_figure, write_sections
+from tumblecal.show.tables import Table
+from tumblecal.show.verdict import Finding, Unresolved, Verdict
 
 
 NOTHING = Verdict("", "", "", "")
@@ -117,7 +117,7 @@ PLACES = """<script>window.addEventListener("load", () => {
 
 def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium, tmp_path):
     """1280 x 800: all cards end above the fold. 375 px wide: both findings, the action card, and no horizontal scroll."""
-    write_page(
+    write_sections(
         tmp_path / "p.html", "Diagnosis", "48 positions.", RECORD, [], tone="open", pictures={1: spark, 2: spark}
     )
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
@@ -168,7 +168,7 @@ def test_study_json_is_complete(page):
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
     cells = Table(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]], text=(0,))
     script = replace(NOTHING, evidence=("<script>alert(1)</script>",))
-    write_page(tmp_path / "p.html", "<b>title</b>", "a < b", script, [Section("x", tables=[cells])])
+    write_sections(tmp_path / "p.html", "<b>title</b>", "a < b", script, [Section("x", tables=[cells])])
     text = (tmp_path / "p.html").read_text()
     assert "<script>" not in text and "<i>" not in text and "<b>" not in text and "<u>" not in text
     assert "&lt;script&gt;" in text and "a &lt; b" in text
@@ -182,14 +182,14 @@ def test_on_paper_two_figures_of_residuals_fill_a_page(chromium, tmp_path):
         '<?xml version="1.0"?><svg width="504pt" height="374pt" viewBox="0 0 504 374"><path d="M0 0h9"/></svg>'
     )
     figures = [inline_figure(drawn, "A caption of three lines. " * 12)] * 2
-    write_page(tmp_path / "p.html", "Title", "", NOTHING, [Section("Residuals", figures=figures)])
+    write_sections(tmp_path / "p.html", "Title", "", NOTHING, [Section("Residuals", figures=figures)])
     assert chromium.printed(tmp_path / "p.html") == 1
 
 
 def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
     """Five that are a little more than half a page each fill three pages; kept whole, each would leave half a page blank."""
     table = Table(["", "value", ""], [[f"row {k}", "1", "two words " * 10] for k in range(11)], text=(0, 2))
-    write_page(tmp_path / "p.html", "Title", "", NOTHING, [Section(f"Part {k}", tables=[table]) for k in range(5)])
+    write_sections(tmp_path / "p.html", "Title", "", NOTHING, [Section(f"Part {k}", tables=[table]) for k in range(5)])
     assert chromium.printed(tmp_path / "p.html") == 3
 
 
@@ -198,7 +198,7 @@ def test_dark_and_folded(chromium, tmp_path):
     """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
     long = Table(["", "value"], [[f"row {k}", "1"] for k in range(30)])
     drawn = replace(long, rows=long.rows[:2], folded=True)
-    write_page(tmp_path / "long.html", "Long", "", NOTHING, [Section("Numbers", tables=[long, drawn])])
+    write_sections(tmp_path / "long.html", "Long", "", NOTHING, [Section("Numbers", tables=[long, drawn])])
     text = (tmp_path / "long.html").read_text(encoding="utf-8")
     assert (
         "<summary>all 30 rows</summary>" in text

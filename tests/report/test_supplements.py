@@ -10,8 +10,8 @@ import pytest
 
 import tumblecal
 from tumblecal.ground.errors import SupplementWarning
-from tumblecal.report.page import Section, write_page
-from tumblecal.report.verdict import Finding, Verdict
+from tumblecal.show.page import Section, write_sections
+from tumblecal.show.verdict import Finding, Verdict
 
 
 SOURCE = Path(tumblecal.__file__).parent
@@ -66,7 +66,7 @@ def test_a_page_keeps_what_was_made_before_an_error(tmp_path):
 
     verdict = Verdict("adequate", "Nothing found.", found=(Finding("A finding"),))
     with pytest.warns(SupplementWarning) as caught:
-        write_page(tmp_path / "p.html", "Title", "Lead", verdict, sections(), pictures={1: lambda: 1 / 0})
+        write_sections(tmp_path / "p.html", "Title", "Lead", verdict, sections(), pictures={1: lambda: 1 / 0})
     assert ["ZeroDivisionError" in str(caught[0].message), "no row" in str(caught[1].message)] == [True, True]
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "A finding" in text and "<h2>First</h2>" in text and text.rstrip().endswith("</html>")

@@ -7,7 +7,7 @@ import numpy as np
 from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
 from tumblecal.report.diagnosis_verdict import alternatives, headline, reason_words
-from tumblecal.report.verdict import Finding, Unresolved, Verdict, verdict_lines
+from tumblecal.show.verdict import Finding, Unresolved, Verdict, verdict_lines
 
 
 COMMAND = "tumblecal diagnose --join --same-run measured.csv next/positions.csv --noise-sd 0.1mg --gravity lat=48.14,height=520"

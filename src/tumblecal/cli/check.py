@@ -236,24 +236,26 @@ def _written(
 ) -> None:
     """Write and print the results. `given`: the file of the update, and the words of suggested commands."""
     from tumblecal.check.attitudes import provenance
+    from tumblecal.check.record import write_check
     from tumblecal.data.calibration import write_calibration
     from tumblecal.ground.atomic import output_folders, writable_file
     from tumblecal.ground.result_set import result_set
-    from tumblecal.report.check_files import write_check
-    from tumblecal.report.check_page import write_check_page
-    from tumblecal.report.check_verdict import verdict_of_check
-    from tumblecal.report.verdict import verdict_lines
+    from tumblecal.show.check import verdict_of_check, words_of_check, write_check_page
+    from tumblecal.show.verdict import verdict_lines
 
     file, stated = given
-    verdict = verdict_of_check(result, stated, made, file)
+    words = words_of_check(result, stated, made, file)
+    verdict = verdict_of_check(result, words)
     update = made[0] if made is not None else None
     if file is not None:
         writable_file(file)
     with output_folders([out]), result_set(out, _SET) as aside:
-        write_check(aside / "check.json", result, verdict, provenance(found, result.path), update)
+        write_check(
+            aside / "check.json", result, "\n".join(verdict_lines(verdict)), provenance(found, result.path), update
+        )
         written = ["check.json"]
         if results.figures is not False:
-            written += write_check_page(aside / "check.html", result, verdict)
+            written += write_check_page(aside / "check.html", result, words)
     if update is not None and file is not None:
         write_calibration(file, update.calibration)
     results.in_history(out, "check", found.data.serial_number or result.calibration.serial_number)

@@ -151,7 +151,7 @@ class Batch:
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
         from tumblecal.report.summary import diagnosis_row
-        from tumblecal.report.verdict import verdict_lines
+        from tumblecal.show.verdict import verdict_lines
 
         if isinstance(read, InputError):
             return self._refused(file, read)

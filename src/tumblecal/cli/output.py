@@ -86,7 +86,7 @@ class Output:
     @property
     def columns(self) -> int:
         """Width of a formatted text: 100 columns, or that of a narrower terminal."""
-        from tumblecal.report.verdict import WIDTH
+        from tumblecal.show.verdict import WIDTH
 
         return min(WIDTH, shutil.get_terminal_size().columns) if self._on_terminal else WIDTH
 
@@ -95,7 +95,7 @@ class Output:
         if self.words and text:
             text = plain(text)
             if self._on_terminal:
-                from tumblecal.report.narrow import folded
+                from tumblecal.show.narrow import folded
 
                 text = folded(text, shutil.get_terminal_size().columns)
             print(text, flush=True)

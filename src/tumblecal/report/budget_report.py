@@ -19,9 +19,9 @@ from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.report.drawing import INK, draw_each, new_figure, save
-from tumblecal.report.page import Section, inline_figure, page, write_page
-from tumblecal.report.tables import Table
-from tumblecal.report.verdict import Verdict
+from tumblecal.show.page import Section, inline_figure, page, write_sections
+from tumblecal.show.tables import Table
+from tumblecal.show.verdict import Verdict
 
 
 SCHEMA = "tumblecal.budget_result/1"
@@ -62,7 +62,7 @@ def _write_page(
     name = Path(budget.fit.data.source).name
     lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs in addition to the noise."
     verdict = Verdict("", advice(budget), evidence=tuple(notes))
-    write_page(path, f"Uncertainty budget of {name}", lead, verdict, sections)
+    write_sections(path, f"Uncertainty budget of {name}", lead, verdict, sections)
 
 
 _CAPTION = "Share of each input in the variance of each parameter."

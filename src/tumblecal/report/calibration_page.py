@@ -29,10 +29,10 @@ from tumblecal.report.calibration_words import (
     wrong_methods,
 )
 from tumblecal.report.finding_figures import overview_figure
-from tumblecal.report.page import PageFigure, Section, chosen, inline_figure, page, write_page
 from tumblecal.report.result_file import calibration_of, strong_correlations
-from tumblecal.report.tables import Table
-from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence, command_at_end, ended
+from tumblecal.show.page import PageFigure, Section, chosen, inline_figure, page, write_sections
+from tumblecal.show.tables import Table
+from tumblecal.show.verdict import Finding, Unresolved, Verdict, as_sentence, command_at_end, ended
 
 
 _CAPTIONS = {
@@ -66,7 +66,7 @@ def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence
     """
     exact, judged, verdict = calibrated.exact, calibrated.judgements, calibration_verdict(calibrated)
     drawn = {name: inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures}
-    write_page(
+    write_sections(
         path,
         f"Calibration of {Path(exact.data.source).name}",
         _lead(exact),

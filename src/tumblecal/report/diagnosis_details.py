@@ -21,7 +21,7 @@ from tumblecal.report.calibration_words import (
     read_settings_words,
 )
 from tumblecal.report.diagnosis_calibration import diagnosed_use, lacking_of_diagnosis
-from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE, as_sentence
+from tumblecal.show.verdict import NOT_TESTABLE, UNDETECTABLE, as_sentence
 
 
 # Headings.

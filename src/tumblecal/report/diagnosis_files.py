@@ -22,7 +22,7 @@ from tumblecal.report.next_plan_files import next_plan_texts
 from tumblecal.report.rig_files import NAME as EXTENDED_RIG
 from tumblecal.report.rig_files import extended_rig_text
 from tumblecal.report.unnamed_words import SUGGESTED, suggested_effect_text, unnamed_record
-from tumblecal.report.verdict import Verdict, verdict_lines
+from tumblecal.show.verdict import Verdict, verdict_lines
 
 
 SCHEMA = "tumblecal.diagnosis/1"

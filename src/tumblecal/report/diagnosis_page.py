@@ -16,10 +16,10 @@ from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_details import CAUSES, CHANGES, GAIN, HELD, LACKING, UNCERTAINTIES, UNDETERMINED
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.finding_figures import FindingSignal, card_figures, finding_signals
-from tumblecal.report.page import TONES, PageFigure, Section, chosen, inline_figure, page, write_page
-from tumblecal.report.tables import Table
 from tumblecal.report.unnamed_figure import CAPTION as UNNAMED_CAPTION
-from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE, Verdict
+from tumblecal.show.page import TONES, PageFigure, Section, chosen, inline_figure, page, write_sections
+from tumblecal.show.tables import Table
+from tumblecal.show.verdict import NOT_TESTABLE, UNDETECTABLE, Verdict
 
 
 CAPTIONS = {
@@ -64,7 +64,7 @@ def write_diagnosis_page(
     verdict = verdict or verdict_of_diagnosis(diagnosis, plan, path.parent)
     signals = finding_signals(diagnosis)
     drawn = {name: inline_figure(path.parent / name, _caption(diagnosis, signals, verdict, name)) for name in figures}
-    write_page(
+    write_sections(
         path,
         f"Diagnosis of {verdict.source}",
         _lead(diagnosis),

@@ -14,7 +14,7 @@ from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_details import harm_in_u
 from tumblecal.report.diagnosis_verdict import reason_words
-from tumblecal.report.tables import Table
+from tumblecal.show.tables import Table
 
 
 _MOST_EXPLANATIONS = 10

@@ -31,7 +31,7 @@ from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import details
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.unnamed_words import command_for_law, unnamed_findings
-from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+from tumblecal.show.verdict import Finding, Unresolved, Verdict, as_sentence
 
 
 _NUMBERS = {1: "One", 2: "Two", 3: "Three", 4: "Four", 5: "Five", 6: "Six"}

@@ -26,8 +26,8 @@ from tumblecal.report.head_amounts import (
     spread_sizes,
 )
 from tumblecal.report.head_words import explanation_words, session, units_text, units_verdict
-from tumblecal.report.page import TONES, PageFigure, Section, inline_figure, page, write_page
-from tumblecal.report.tables import Table
+from tumblecal.show.page import TONES, PageFigure, Section, inline_figure, page, write_sections
+from tumblecal.show.tables import Table
 
 
 _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
@@ -139,7 +139,7 @@ def write_head_page(
     """Write the page; `figures`: names of the SVG files in its folder."""
     drawn = [inline_figure(path.parent / name, _CAPTION) for name in figures]
     positions = sum(len(unit.at.problem.readings) for unit in found.batch.units)
-    write_page(
+    write_sections(
         path,
         session(found, len(units)),
         f"{positions} positions of {len(units)} units.",

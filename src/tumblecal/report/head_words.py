@@ -18,7 +18,7 @@ from tumblecal.report.head_amounts import (
     shown_in,
     spread_sizes,
 )
-from tumblecal.report.verdict import Finding, Verdict
+from tumblecal.show.verdict import Finding, Verdict
 
 
 ATTITUDES = (

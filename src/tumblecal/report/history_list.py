@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from tumblecal.ground.numbers_shown import p_cell
 from tumblecal.history.entry import Entry
-from tumblecal.report.tables import Table, number
+from tumblecal.show.tables import Table, number
 
 
 def listed(entries: Iterable[Entry]) -> Table:

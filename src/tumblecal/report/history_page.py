@@ -24,8 +24,8 @@ from tumblecal.report.history_words import (
     trends_table,
     uncertainty_words,
 )
-from tumblecal.report.page import Section, inline_figure, page, write_page
-from tumblecal.report.verdict import Finding, Verdict, as_sentence
+from tumblecal.show.page import Section, inline_figure, page, write_sections
+from tumblecal.show.verdict import Finding, Verdict, as_sentence
 
 
 _CAPTION = (
@@ -60,7 +60,7 @@ def write_history_page(path: Path, serial: str, history: UnitHistory, risk: floa
         evidence=tuple(f"{as_sentence(words)}." for words in evidence if words),
         next=tuple(f"{as_sentence(words)}." for words in [*next_steps(found), interval_words(history, risk)]),
     )
-    write_page(
+    write_sections(
         path,
         f"History of {serial}",
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",

@@ -15,8 +15,8 @@ from tumblecal.history.changes import DRIFT, RESULT, STEP, Change
 from tumblecal.history.comparison import Comparison
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import DAYS_A_MONTH, FEWEST, MOUNTING, Repeatability, Trend, UnitHistory
-from tumblecal.report.tables import Table, number
-from tumblecal.report.verdict import as_sentence
+from tumblecal.show.tables import Table, number
+from tumblecal.show.verdict import as_sentence
 
 
 # Of each kind of change: its name, its verb, and its time.

@@ -18,11 +18,11 @@ from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.diagnosis_tables import invisible_table, limits_table
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings, paper_verdict
 from tumblecal.report.result_file import result_content
-from tumblecal.report.tables import Table
+from tumblecal.show.page import Section, inline_figure, page, write_sections
+from tumblecal.show.tables import Table
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 
@@ -87,7 +87,7 @@ def _write_page(
         ),
         Section("Files", tables=[Table(["file", "contents"], _FILES, text=(0, 1))]),
     ]
-    write_page(
+    write_sections(
         path,
         "Calibration of a MEMS accelerometer triad on a dividing head: the study reproduced",
         "Gao, Chen and Ren 2016, doi 10.19306/j.cnki.2095-8110.2016.03.012, computed again from its own numbers; "

@@ -4,7 +4,7 @@ import numpy as np
 
 from tumblecal.estimation import Fit
 from tumblecal.ground.numbers_shown import p_words
-from tumblecal.report.verdict import Finding, Verdict
+from tumblecal.show.verdict import Finding, Verdict
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 

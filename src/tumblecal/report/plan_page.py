@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 
 from tumblecal.design.plan import DesignedPlan
-from tumblecal.report.page import PageFigure, Section, chosen, inline_each, page, write_page
 from tumblecal.report.plan_figures import figures_of, small_figure, small_use_figure
 from tumblecal.report.plan_files import capture_commands
 from tumblecal.report.plan_tables import (
@@ -31,7 +30,8 @@ from tumblecal.report.plan_words import (
     undetectable_lines,
     undetermined_lines,
 )
-from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+from tumblecal.show.page import PageFigure, Section, chosen, inline_each, page, write_sections
+from tumblecal.show.verdict import Finding, Unresolved, Verdict, as_sentence
 
 
 _CAPTIONS = {
@@ -50,7 +50,7 @@ def write_plan_page(path: Path, plan: DesignedPlan) -> None:
     pictures = {1: partial(small_figure, plan)}
     if not plan.after.uncertainties.undetermined:
         pictures[2] = partial(small_use_figure, plan)
-    write_page(
+    write_sections(
         path,
         f"Plan for {plan.rig.title or Path(plan.rig.source).name}",
         f"{size_words(plan)}.",

@@ -7,7 +7,7 @@ from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.units import shown
 from tumblecal.report.plan_assumptions import assumptions
 from tumblecal.report.plan_words import digits, relative_worst, u_words, unit_of
-from tumblecal.report.tables import Table, number
+from tumblecal.show.tables import Table, number
 
 
 def uncertainty_table(plan: DesignedPlan) -> Table:

@@ -5,10 +5,10 @@ from pathlib import Path
 from rich.console import Console
 
 from tumblecal.design.plan import DesignedPlan
-from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.plan_files import capture_commands
 from tumblecal.report.plan_tables import named_table, practice_table, uncertainty_table
 from tumblecal.report.plan_words import plan_lines
+from tumblecal.show.narrow import print_table, print_words
 
 
 def print_plan(plan: DesignedPlan, folder: Path, console: Console | None = None) -> None:

@@ -11,8 +11,8 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import shortened
 from tumblecal.noise.dwell_sd import white_sd
 from tumblecal.recordings.reduction import Reduction
-from tumblecal.report.narrow import print_table
-from tumblecal.report.tables import Table
+from tumblecal.show.narrow import print_table
+from tumblecal.show.tables import Table
 
 
 # A terminal narrower than this shows no sd / sqrt(n).

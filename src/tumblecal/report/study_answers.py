@@ -9,8 +9,8 @@ import polars as pl
 from rich.console import Console
 
 from tumblecal.ground.units import in_words, shown
-from tumblecal.report.narrow import print_table, print_words
-from tumblecal.report.tables import Table
+from tumblecal.show.narrow import print_table, print_words
+from tumblecal.show.tables import Table
 
 
 Frames = Mapping[str, pl.DataFrame]

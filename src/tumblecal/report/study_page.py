@@ -8,10 +8,10 @@ from typing import Any
 import polars as pl
 
 from tumblecal import __version__
-from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.study_answers import Answer
-from tumblecal.report.tables import Table
-from tumblecal.report.verdict import Verdict
+from tumblecal.show.page import Section, inline_figure, page, write_sections
+from tumblecal.show.tables import Table
+from tumblecal.show.verdict import Verdict
 
 
 _QUESTIONS = {
@@ -60,7 +60,7 @@ def write_study_page(
     ]
     title = str(content["title"] or f"Study of {kind}")
     verdict = Verdict("", answer.headline, evidence=answer.words)
-    write_page(path, title, _QUESTIONS[kind], verdict, sections, tone=answer.tone)
+    write_sections(path, title, _QUESTIONS[kind], verdict, sections, tone=answer.tone)
 
 
 def _files(kind: str, frames: Mapping[str, pl.DataFrame], figures: Sequence[Path]) -> Section:

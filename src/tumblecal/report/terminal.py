@@ -19,9 +19,9 @@ from tumblecal.report.calibration_words import (
     noise_words,
     notes,
 )
-from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
-from tumblecal.report.tables import Table
+from tumblecal.show.narrow import print_table, print_words
+from tumblecal.show.tables import Table
 
 
 def print_calibration(calibrated: Calibrated, console: Console | None = None) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import changed
 from tumblecal.ground.suggested_command import EVERY, suggested
-from tumblecal.report.page import PageFigure, Section, chosen, inline_each, page, write_page
 from tumblecal.report.thermal_figures import figures_of, small_figure
 from tumblecal.report.thermal_tables import (
     coefficient_table,
@@ -31,7 +30,8 @@ from tumblecal.report.thermal_words import (
     total_improvement,
     undetermined_words,
 )
-from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+from tumblecal.show.page import PageFigure, Section, chosen, inline_each, page, write_sections
+from tumblecal.show.verdict import Finding, Unresolved, Verdict, as_sentence
 from tumblecal.thermal.result import ThermalResult
 
 
@@ -55,7 +55,7 @@ def write_thermal_page(path: Path, result: ThermalResult) -> None:
     """Write the page."""
     answer = result.calibration.use.answer or "yes"
     pictures = {min(1, len(result.signals)): partial(small_figure, result)} if result.curves is not None else {}
-    write_page(
+    write_sections(
         path,
         f"Calibration over temperature of {_name(result.table.source)}",
         _lead(result),

@@ -5,9 +5,9 @@ import numpy as np
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.numbers_shown import changed, rounded
 from tumblecal.ground.units import shown
-from tumblecal.report.tables import Table
 from tumblecal.report.thermal_estimates import known_at_reference, parameters_at, sd_at, varying
 from tumblecal.report.thermal_words import order_words, source_words
+from tumblecal.show.tables import Table
 from tumblecal.thermal.model import LEAVES
 from tumblecal.thermal.result import ThermalResult
 

@@ -2,9 +2,9 @@
 
 from rich.console import Console
 
-from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.thermal_tables import coefficient_table, reference_table
 from tumblecal.report.thermal_words import thermal_lines
+from tumblecal.show.narrow import print_table, print_words
 from tumblecal.thermal.result import ThermalResult
 
 

@@ -12,7 +12,7 @@ from tumblecal.diagnosis.findings.candidate_law import Law, Term
 from tumblecal.diagnosis.findings.unexplained import Unnamed
 from tumblecal.ground.numbers_shown import changed, rounded_together
 from tumblecal.ground.suggested_command import suggested
-from tumblecal.report.verdict import Finding
+from tumblecal.show.verdict import Finding
 
 
 SUGGESTED = "suggested_effect.py"

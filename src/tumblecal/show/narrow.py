@@ -5,8 +5,8 @@ import textwrap
 from rich.console import Console
 from rich.text import Text
 
-from tumblecal.report.tables import Table
-from tumblecal.report.verdict import command_at_end
+from tumblecal.show.tables import Table
+from tumblecal.show.verdict import command_at_end
 
 
 def print_words(console: Console, words: str, style: str = "") -> None:

@@ -18,8 +18,9 @@ from tumblecal import __version__
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.supplement import supplement
 from tumblecal.report.drawing import draw_each, svg_text
-from tumblecal.report.tables import Table
-from tumblecal.report.verdict import COMMAND, Verdict
+from tumblecal.show.tables import Table
+from tumblecal.show.verdict import COMMAND, Verdict
+from tumblecal.show.words import SectionWords, Words
 
 
 # The colour of a diagnosis.
@@ -28,6 +29,7 @@ TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexpl
 _ROOM = 1000
 _Content = ParamSpec("_Content")
 _Result = TypeVar("_Result")
+_PLACE = re.compile(r"\[(table|code|figure|screen) ([^\]]+)\]")
 _SHARE = re.compile(r"0?\.\d+|1\.0*|[01]")
 
 
@@ -114,7 +116,7 @@ def page(write: Callable[Concatenate[Path, _Content], None]) -> Callable[Concate
     return written
 
 
-def write_page(
+def write_sections(
     path: Path,
     title: str,
     lead: str,
@@ -137,7 +139,7 @@ def write_page(
     - `pictures`: functions that draw the cards, by number of the finding from 1 on; 0: of a verdict without a finding.
     - `plans`: tables of the next steps, folded. `values`: results on the first screen, a line each.
     """
-    environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
+    environment = Environment(loader=PackageLoader("tumblecal.show"), autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"typeset": _typeset, "share": _share}
     shown, folded = _next_steps(verdict)
     cards = {f"card {number}": figure_of for number, figure_of in (pictures or {}).items()}
@@ -159,6 +161,69 @@ def write_page(
         footer=f"Written by tumblecal {__version__}.",
     )
     write_text(path, text)
+
+
+def write_page(
+    path: Path,
+    words: Words,
+    verdict: Verdict,
+    *,
+    tone: str = "",
+    tables: Mapping[str, Table] | None = None,
+    figures: Mapping[str, Callable[[], Figure]] | None = None,
+    code: Mapping[str, Sequence[str]] | None = None,
+    plans: Sequence[Table] = (),
+) -> None:
+    """Write a complete page, or none: its layout is that of the words.
+
+    Blocks of the words: `title` and `lead`; `values`, results on the first screen; the fourth cell of an entry of `found` and
+    the block `picture` (of a verdict without a finding) are the names of the figures on cards; sections follow in their order,
+    with `[table NAME]`, `[code NAME]` and `[figure NAME] | caption` as entries (`[screen NAME]`: a figure that is not printed).
+    A section without any content is omitted, as is a table or figure that does not exist.
+
+    **Arguments:**
+
+    - `path`: the HTML file. `tone`: colour of the verdict: good, named, open or bad.
+    - `tables`, `figures`, `code`: by name. `plans`: tables of the next steps, folded.
+    """
+    tables, code, figures = tables or {}, code or {}, figures or {}
+    numbered = {number: cells[3] for number, cells in enumerate(words.blocks.get("found", ()), 1) if len(cells) > 3}
+    named = {0: words.text("picture")} | numbered
+    pictures = {number: figures[name] for number, name in named.items() if name in figures}
+    wanted = {
+        match[2] for section in words.sections for cells in section.entries if (match := _PLACE.fullmatch(cells[0]))
+    }
+    drawn = draw_each(path, {name: figure for name, figure in figures.items() if name in wanted}, inline_drawing)
+    write_sections(
+        path,
+        words.text("title"),
+        words.text("lead"),
+        verdict,
+        [made for one in words.sections if (made := _section(one, tables, drawn, code)) is not None],
+        tone=tone,
+        pictures=pictures,
+        plans=plans,
+        values=words.lines("values"),
+    )
+
+
+def _section(
+    words: SectionWords, tables: Mapping[str, Table], drawn: Mapping[str, str], code: Mapping[str, Sequence[str]]
+) -> Section | None:
+    """A section with what its places hold; None without any content."""
+    texts, lines = list[str](), list[str]()
+    held, figures = list[Table](), list[PageFigure]()
+    for first, *caption in words.entries:
+        place = _PLACE.fullmatch(first)
+        if place is None:
+            texts.append(first)
+        elif place[1] == "table":
+            held += [tables[place[2]]] if place[2] in tables else []
+        elif place[1] == "code":
+            lines += code.get(place[2], ())
+        elif place[2] in drawn:
+            figures.append(PageFigure(drawn[place[2]], *caption, on_paper=place[1] == "figure"))
+    return Section(words.title, texts, lines, held, figures) if texts or lines or held or figures else None
 
 
 def _cards(verdict: Verdict, drawn: Mapping[str, str]) -> Iterator[dict]:

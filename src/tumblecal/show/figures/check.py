@@ -1,7 +1,4 @@
-"""`check.html`: a check on one screen: verdict, size of gravity at each attitude, detection limits, next steps."""
-
-from functools import partial
-from pathlib import Path
+"""Figures of a check: size of gravity at each attitude, and detection limits."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,36 +7,11 @@ from matplotlib.figure import Figure
 from tumblecal.check.result import CheckResult
 from tumblecal.check.usual_changes import USUAL
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.report.check_verdict import TONES
-from tumblecal.report.check_words import attitudes_words
 from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, new_figure
-from tumblecal.report.page import Section, page, write_page
-from tumblecal.report.tables import Table
-from tumblecal.report.verdict import Verdict
 
 
 # Names on the axis, at most, and their letters in one line.
 _MOST_NAMES, _ROOM = 16, 26
-
-
-@page
-def write_check_page(path: Path, result: CheckResult, verdict: Verdict) -> None:
-    """Write the page."""
-    serial = result.data.serial_number or result.calibration.serial_number
-    unit = f"serial number {serial}, " if serial else ""
-    if len(verdict.found) > 1:
-        cards = {1: partial(size_figure, result), 2: partial(limit_figure, result)}
-    else:
-        cards = {len(verdict.found): partial(check_figure, result)}
-    write_page(
-        path,
-        f"Check of {result.path.name}",
-        f"{unit}{Path(result.data.source).name}: {attitudes_words(result)}.",
-        verdict,
-        [Section("Conditions", tables=[Table(("", ""), list(verdict.details), text=(0, 1))])],
-        tone=TONES[result.outcome],
-        pictures=cards,
-    )
 
 
 def check_figure(result: CheckResult) -> Figure:

@@ -15,22 +15,18 @@ from tumblecal.check.update import Update
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
-from tumblecal.report.verdict import Verdict, verdict_lines
 
 
 SCHEMA = "tumblecal.check/1"
 
 
-def write_check(
-    path: Path, result: CheckResult, verdict: Verdict, source: Mapping[str, Any], update: Update | None
-) -> None:
-    """Write `check.json`; `source`: files with their SHA-256, and dates."""
-    write_text(path, json_text(check_record(result, verdict, source, update)))
+def write_check(path: Path, result: CheckResult, text: str, source: Mapping[str, Any], update: Update | None) -> None:
+    """Write `check.json`; `text`: the verdict. `source`: files with their SHA-256, and
+    dates."""
+    write_text(path, json_text(check_record(result, text, source, update)))
 
 
-def check_record(
-    result: CheckResult, verdict: Verdict, source: Mapping[str, Any], update: Update | None
-) -> dict[str, Any]:
+def check_record(result: CheckResult, text: str, source: Mapping[str, Any], update: Update | None) -> dict[str, Any]:
     """The check as plain numbers, lists and texts."""
     test, found = result.test, result.sensitivity
     return {
@@ -82,7 +78,7 @@ def check_record(
             "u": dict(zip(SENSOR, update.sd.tolist(), strict=True)),
             "p_value": update.before.p_value,
         },
-        "text": "\n".join(verdict_lines(verdict)),
+        "text": text,
     }
 
 
