@@ -170,7 +170,7 @@ def write_page(
     *,
     tone: str = "",
     tables: Mapping[str, Table] | None = None,
-    figures: Mapping[str, Callable[[], Figure]] | None = None,
+    figures: Mapping[str, Path | Callable[[], Figure]] | None = None,
     code: Mapping[str, Sequence[str]] | None = None,
     plans: Sequence[Table] = (),
 ) -> None:
@@ -184,16 +184,19 @@ def write_page(
     **Arguments:**
 
     - `path`: the HTML file. `tone`: colour of the verdict: good, named, open or bad.
-    - `tables`, `figures`, `code`: by name. `plans`: tables of the next steps, folded.
+    - `tables`, `figures`, `code`: by name; a figure is a function that draws it, or its SVG file. `plans`: tables of the next
+      steps, folded.
     """
     tables, code, figures = tables or {}, code or {}, figures or {}
     numbered = {number: cells[3] for number, cells in enumerate(words.blocks.get("found", ()), 1) if len(cells) > 3}
     named = {0: words.text("picture")} | numbered
-    pictures = {number: figures[name] for number, name in named.items() if name in figures}
+    functions = {name: figure for name, figure in figures.items() if not isinstance(figure, Path)}
+    pictures = {number: functions[name] for number, name in named.items() if name in functions}
     wanted = {
         match[2] for section in words.sections for cells in section.entries if (match := _PLACE.fullmatch(cells[0]))
     }
-    drawn = draw_each(path, {name: figure for name, figure in figures.items() if name in wanted}, inline_drawing)
+    drawn = {name: inline_figure(figure, "").svg for name, figure in figures.items() if isinstance(figure, Path)}
+    drawn |= draw_each(path, {name: figure for name, figure in functions.items() if name in wanted}, inline_drawing)
     write_sections(
         path,
         words.text("title"),

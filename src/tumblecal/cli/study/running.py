@@ -84,9 +84,8 @@ def run_study(
 
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_folder
-    from tumblecal.report.study_answers import answer_of, print_answer
     from tumblecal.report.study_figures import draw
-    from tumblecal.report.study_page import write_study_page
+    from tumblecal.show.study import answer_of, print_answer, write_study_page
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study, unused_of_head
 
@@ -111,9 +110,7 @@ def run_study(
 
     def shown(aside: Path, content, frames) -> None:
         figures = draw(kind, content, frames, aside)
-        page = write_study_page(
-            aside / f"{kind}.html", kind, content, frames, answer_of(kind, content, frames), figures
-        )
+        page = write_study_page(aside / f"{kind}.html", answer_of(kind, content, frames), figures)
         tables = [f"{kind}_{name}.parquet" for name in frames]
         written.extend([*page, *(figure.name for figure in figures), *tables, f"{kind}.json"])
 
