@@ -51,6 +51,10 @@ class Words:
         """A block as one line."""
         return " ".join(self.lines(block))
 
+    def section(self, title: str) -> list[str]:
+        """The paragraphs of a section."""
+        return [cells[0] for section in self.sections if section.title == title for cells in section.entries]
+
     def pairs(self, block: str) -> list[tuple[str, str]]:
         """The first two cells of each entry of a block."""
         return [(cells[0], cells[1] if len(cells) > 1 else "") for cells in self.blocks.get(block, ())]
