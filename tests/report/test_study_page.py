@@ -57,7 +57,7 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
     cells = Cells()
     cells.feed(page.read_text(encoding="utf-8"))
     files = {row[0] for row in cells.rows}
-    assert {"study.seed", "errors of"} <= files
+    assert {"linearization.json", "linearization_biases.parquet", "study.seed"} <= files
     assert "<b>Plan" not in page.read_text(encoding="utf-8")
 
 

@@ -28,11 +28,15 @@ _DETECTED = 0.8
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a study of this `kind`: `content` of its JSON file, `tone` of the page (good, named, open, bad), the `table`
-    of the results, and the `values` in its words."""
+    """The answer of a study of this `kind`.
+
+    - `content` of its JSON file; `frames`: its tables. `tone` of the page: good, named, open, bad.
+    - `table` of the results; `values`: those in its words.
+    """
 
     kind: str
     content: Mapping[str, Any]
+    frames: Frames
     tone: str
     table: Table
     values: Mapping[str, object]
@@ -40,7 +44,7 @@ class Answer:
     @cached_property
     def words(self) -> Words:
         """Question, answer, and the layout of the page."""
-        return words_of("study", kind=self.kind, content=self.content, **self.values)
+        return words_of("study", kind=self.kind, content=self.content, frames=self.frames, **self.values)
 
     @property
     def verdict(self) -> Verdict:
@@ -66,6 +70,7 @@ def write_study_page(path: Path, answer: Answer, figures: Sequence[Path]) -> Non
         tone=answer.tone,
         tables={
             "results": answer.table,
+            "files": Table(["file", "contents"], answer.words.pairs("files"), text=(0, 1)),
             "settings": Table(["", ""], list(_settings(answer.content)), text=(1,)),
         },
         figures={figure.stem: figure for figure in figures},
@@ -75,7 +80,7 @@ def write_study_page(path: Path, answer: Answer, figures: Sequence[Path]) -> Non
 def answer_of(kind: str, content: Mapping[str, Any], frames: Frames) -> Answer:
     """The answer of a study of that kind; `content` of its JSON file, `frames` its tables."""
     tone, table, values = _ANSWERS[kind](content, frames)
-    return Answer(kind, content, tone, table, values)
+    return Answer(kind, content, frames, tone, table, values)
 
 
 _Found = tuple[str, Table, dict[str, object]]
