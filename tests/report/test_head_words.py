@@ -4,10 +4,11 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
+from tumblecal.diagnosis.units.sizes import level_sizes, spread_sizes
 from tumblecal.effects import catalogue
 from tumblecal.estimation.plausibility import Implausible
-from tumblecal.report.head_amounts import level_sizes, spread_sizes
-from tumblecal.report.head_words import units_text
+from tumblecal.show.units_together import verdict_of_units, words_of_units
+from tumblecal.show.verdict import verdict_lines
 
 
 ENTRIES = catalogue()
@@ -60,8 +61,11 @@ def found(verdict, best, *others, detected=True, shared=(), varying=(), of_head=
         "hand_held": False,
         "verdict": verdict,
         "joint": Record(best=best, explanations=(best, *others), p_value=3e-9 if detected else 0.3, detected=detected),
-        "fit": Record(excluded=more.pop("excluded", ()), pitch=settings or pitch(), head=of_head),
-        "batch": Record(units=(None,) * 6),
+        "fit": Record(
+            excluded=more.pop("excluded", ()), pitch=settings or pitch(), head=of_head, consistent=(0.5,) * 6,
+            unit_values=np.full((6, 1), 0.2e-3), unit_sd=np.full((6, 1), 0.03e-3),
+        ),
+        "batch": Record(units=(Record(at=Record(problem=Record(readings=(0.0,) * 24), model=Record(slots=()))),) * 6),
         "shared": shared,
         "amounts": {each.signal.label: each for each in varying},
         "implausible": (),
@@ -69,8 +73,16 @@ def found(verdict, best, *others, detected=True, shared=(), varying=(), of_head=
         "unexplained": (),
         "nothing_of_their_own": (),
         "outlying": (),
-    }
+    }  # fmt: skip
     return Record(**(own | more))
+
+
+def texts(cases):
+    """The verdict of each case in lines."""
+    return {
+        title: "\n".join(verdict_lines(verdict_of_units(found, words_of_units(found, rows, ENTRIES))))
+        for title, (found, rows) in cases.items()
+    }
 
 
 def rows(**causes):
@@ -134,7 +146,7 @@ def test_each_finding_on_a_head_is_in_a_text(snapshot):
             rows(),
         ),
     }  # fmt: skip
-    snapshot("units", {title: units_text(each, listed, ENTRIES) for title, (each, listed) in cases.items()})
+    snapshot("units", texts(cases))
 
 
 def test_a_hand_held_session_names_common_effects_and_causes_of_single_units(snapshot):
@@ -144,11 +156,9 @@ def test_a_hand_held_session_names_common_effects_and_causes_of_single_units(sna
         "single units": (found("adequate", NOTHING, detected=False), alone),
         "nothing": (found("adequate", NOTHING, detected=False), rows()),
     }
-    texts = {}
-    for title, (each, listed) in cases.items():
+    for each, _ in cases.values():
         each.hand_held = True
-        texts[title] = units_text(each, listed, ENTRIES)
-    snapshot("hand_held_units", texts)
+    snapshot("hand_held_units", texts(cases))
 
 
 def test_sizes_are_in_the_unit_of_the_catalogue():
@@ -163,6 +173,6 @@ def test_sizes_are_in_the_unit_of_the_catalogue():
     assert sizes[SQUARE][SQUARE]["unit"] == "mg/g^2" and sizes[WOBBLE]["w_sin"]["mean"] is None
     np.testing.assert_allclose([sizes[SQUARE][SQUARE][key] for key in ("mean", "mean_sd")], [0.8, 0.05])
     np.testing.assert_allclose(sizes[WOBBLE]["w_cos"]["sd_between_units"], 1.3)
-    (levels,) = level_sizes(several, ENTRIES)
-    assert [(part["first"], part["last"]) for part in levels["parts"]] == [(0, 2), (3, 5)]
+    (levels,) = level_sizes(several, ENTRIES, ROWS)
+    assert [(part["first"], part["last"]) for part in levels["parts"]] == [("u0", "u2"), ("u3", "u5")]
     np.testing.assert_allclose([part["coefficients"][LEVEL]["value"] for part in levels["parts"]], [0.3, -0.2])

@@ -30,9 +30,9 @@ def diagnose_units(
     from tumblecal.diagnosis.units import joint_diagnosis
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import remove_results, result_set
-    from tumblecal.report.head_files import write_units
-    from tumblecal.report.head_words import units_text
     from tumblecal.report.summary import DIAGNOSED, diagnosis_row, write_summary
+    from tumblecal.show.units_together import verdict_of_units, words_of_units, write_units
+    from tumblecal.show.verdict import verdict_lines
 
     screened: list[Screened] = []
     usable, refused = [], {}
@@ -65,8 +65,10 @@ def diagnose_units(
     finally:
         write_summary(out / SUMMARY, [rows[number] for number in sorted(rows)], DIAGNOSED)
     units = [(folders[k].name, rows[k]) for k in usable]
+    words = words_of_units(measured, units, batch.entries)
     with result_set(out, UNITS_SET) as aside:
-        written = write_units(aside, measured, units, batch.entries, figures=batch.results.figures is not False)
-    batch.output.say(f"{units_text(measured, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
+        written = write_units(aside, measured, units, batch.entries, words, figures=batch.results.figures is not False)
+    lines = verdict_lines(verdict_of_units(measured, words), batch.output.columns)
+    batch.output.say("\n".join([*lines, f"written: {out}/: {', '.join(written)}"]))
     batch.output.record(out / "diagnosis.json")
     return faults
