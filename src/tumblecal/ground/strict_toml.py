@@ -110,8 +110,9 @@ def toml_table(name: str, values: Mapping[str, object]) -> list[str]:
 
 
 def toml_lines(content: Mapping[str, object], above: str = "") -> list[str]:
-    """The lines of a document: values first, then its tables, and arrays of tables, by their names after `above`."""
-    values = {name: value for name, value in content.items() if not _has_tables(value)}
+    """The lines of a document: values first, then its tables, and arrays of tables, by their names after `above`. Values of
+    None are omitted."""
+    values = {name: value for name, value in content.items() if value is not None and not _has_tables(value)}
     lines = [f"{_key(name)} = {_toml(value)}" for name, value in values.items()]
     lines = [*([f"[{above}]"] if above and (lines or not content) else []), *lines, *([""] if lines else [])]
     for name, value in content.items():

@@ -18,10 +18,10 @@ from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.next_plan_files import next_plan_texts
 from tumblecal.report.rig_files import NAME as EXTENDED_RIG
 from tumblecal.report.rig_files import extended_rig_text
 from tumblecal.report.unnamed_words import SUGGESTED, suggested_effect_text, unnamed_record
+from tumblecal.show.next_plan import next_plan_texts
 from tumblecal.show.verdict import Verdict, verdict_lines
 
 

@@ -29,8 +29,8 @@ from tumblecal.report.cause_words import (
 )
 from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import details
-from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.unnamed_words import command_for_law, unnamed_findings
+from tumblecal.show.next_plan import next_words
 from tumblecal.show.verdict import Finding, Unresolved, Verdict, as_sentence
 
 
