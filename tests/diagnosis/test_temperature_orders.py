@@ -11,8 +11,8 @@ from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.diagnosis.sets.classes import other_orders
 from tumblecal.effects import catalogue
 from tumblecal.estimation import problem_of
+from tumblecal.lab.diagnosed import extended_calibration
 from tumblecal.report.cause_words import order_sizes, temperature_orders
-from tumblecal.report.diagnosis_calibration import extended_calibration
 
 
 SD = 1e-4

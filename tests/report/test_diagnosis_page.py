@@ -9,8 +9,8 @@ import pytest
 from reading_html import Cells, words_of
 
 from tumblecal.ground.units import shown
+from tumblecal.lab import diagnosed
 from tumblecal.planning import NextPlan, next_plan
-from tumblecal.report import diagnosis_calibration
 from tumblecal.report.diagnosis_details import warning_words
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
@@ -47,8 +47,8 @@ def rows(page) -> list[list[str]]:
 
 
 def test_one_calibration_and_one_verdict_for_all_files_and_words(diagnosis, tmp_path, monkeypatch):
-    made, compute = [], diagnosis_calibration.extended_calibration
-    monkeypatch.setattr(diagnosis_calibration, "extended_calibration", lambda given: made.append(1) or compute(given))
+    made, compute = [], diagnosed.extended_calibration
+    monkeypatch.setattr(diagnosed, "extended_calibration", lambda given: made.append(1) or compute(given))
     fresh = replace(diagnosis)  # nothing computed yet
     verdict = replace(verdict_of_diagnosis(fresh), headline="As given.")
     write_diagnosis(tmp_path, fresh, NextPlan(), figures=False, verdict=verdict)

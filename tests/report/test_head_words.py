@@ -40,13 +40,8 @@ def pitch(p_value=None, common=False, alone=(), changed=None):
 def amounts(id, shown_in, mean=0.8, names=None):
     own = signal(id, names)
     count = len(own.names_and_units)
-    return Record(
-        signal=own,
-        mean=(np.full(count, mean), np.full(count, 0.05)),
-        tau=1.3,
-        determined=np.arange(count) == 0,
-        shown_in=shown_in,
-    )
+    mean = (np.full(count, mean), np.full(count, 0.05))
+    return Record(signal=own, mean=mean, tau=1.3, determined=np.arange(count) == 0, shown_in=shown_in)
 
 
 def head(*sizes):
@@ -68,13 +63,9 @@ def found(verdict, best, *others, detected=True, shared=(), varying=(), of_head=
         "batch": Record(units=(Record(at=Record(problem=Record(readings=(0.0,) * 24), model=Record(slots=()))),) * 6),
         "shared": shared,
         "amounts": {each.signal.label: each for each in varying},
-        "implausible": (),
-        "levels": (),
-        "unexplained": (),
-        "nothing_of_their_own": (),
-        "outlying": (),
     }  # fmt: skip
-    return Record(**(own | more))
+    lists = dict.fromkeys(("implausible", "levels", "unexplained", "nothing_of_their_own", "outlying"), ())
+    return Record(**(own | lists | more))
 
 
 def texts(cases):
@@ -151,13 +142,9 @@ def test_each_finding_on_a_head_is_in_a_text(snapshot):
 
 def test_a_hand_held_session_names_common_effects_and_causes_of_single_units(snapshot):
     alone = rows(u1="second_order.z", u5="outlier_position:3")
-    cases = {
-        "common": (found("identified", explanation(by_unit=(SQUARE,)), varying=(amounts(SQUARE, (0, 1, 2)),)), alone),
-        "single units": (found("adequate", NOTHING, detected=False), alone),
-        "nothing": (found("adequate", NOTHING, detected=False), rows()),
-    }
-    for each, _ in cases.values():
-        each.hand_held = True
+    common = found("identified", explanation(by_unit=(SQUARE,)), varying=(amounts(SQUARE, (0, 1, 2)),), hand_held=True)
+    nothing = found("adequate", NOTHING, detected=False, hand_held=True)
+    cases = {"common": (common, alone), "single units": (nothing, alone), "nothing": (nothing, rows())}
     snapshot("hand_held_units", texts(cases))
 
 

@@ -145,8 +145,8 @@ class Batch:
 
         from tumblecal.estimation.methods import require_measured, require_noise
         from tumblecal.ground.result_set import result_set
+        from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
         from tumblecal.planning import NextPlan, next_plan
-        from tumblecal.report.diagnosis_calibration import lacking_of_diagnosis
         from tumblecal.report.diagnosis_details import warning_words
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis

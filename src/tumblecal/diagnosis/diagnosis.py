@@ -130,7 +130,7 @@ class Diagnosis(Pickled, Shown):
     @cached_property
     def calibration(self) -> Calibration | None:
         """Contents of `calibration.json`; None if no calibration is written."""
-        return of_report("diagnosis_calibration.extended_calibration")(self)
+        return of_report("lab.diagnosed.extended_calibration")(self)
 
     @cached_property
     def unnamed(self) -> Unnamed | None:

@@ -13,6 +13,7 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.numbers_shown import capped, changed, rounded_together
 from tumblecal.ground.units import in_words, shown
+from tumblecal.lab.diagnosed_use import diagnosed_use, lacking_of_diagnosis
 from tumblecal.lab.sensor_terms import held_words
 from tumblecal.report.calibration_words import (
     gravity_warning,
@@ -20,7 +21,6 @@ from tumblecal.report.calibration_words import (
     many_settings_words,
     read_settings_words,
 )
-from tumblecal.report.diagnosis_calibration import diagnosed_use, lacking_of_diagnosis
 from tumblecal.show.verdict import NOT_TESTABLE, UNDETECTABLE, as_sentence
 
 

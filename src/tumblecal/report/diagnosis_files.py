@@ -12,14 +12,14 @@ from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.ground.atomic import writable_folder, write_texts
 from tumblecal.ground.gravity import record_of
 from tumblecal.ground.json_file import json_text
+from tumblecal.lab.diagnosed_use import diagnosed_use
+from tumblecal.lab.extended_rig import NAME as EXTENDED_RIG
+from tumblecal.lab.extended_rig import extended_rig_text
 from tumblecal.planning import NextPlan
 from tumblecal.report.cause_words import coefficients, combined, temperature_orders, unexplained_words
-from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.rig_files import NAME as EXTENDED_RIG
-from tumblecal.report.rig_files import extended_rig_text
 from tumblecal.report.unnamed_words import SUGGESTED, suggested_effect_text, unnamed_record
 from tumblecal.show.next_plan import next_plan_texts
 from tumblecal.show.verdict import Verdict, verdict_lines

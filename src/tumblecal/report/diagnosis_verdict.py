@@ -13,6 +13,7 @@ from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.counted import shortened
 from tumblecal.ground.numbers_shown import changed, p_words
+from tumblecal.lab.diagnosed_use import diagnosed_use
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.calibration_words import gravity_warning, many_settings_words
 from tumblecal.report.cause_words import (
@@ -27,7 +28,6 @@ from tumblecal.report.cause_words import (
     size_words,
     unexplained_words,
 )
-from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import details
 from tumblecal.report.unnamed_words import command_for_law, unnamed_findings
 from tumblecal.show.next_plan import next_words

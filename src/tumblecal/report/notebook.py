@@ -15,9 +15,9 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.plausibility import implausible, implausible_words
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
+from tumblecal.lab.diagnosed_use import not_written
 from tumblecal.report.calibration_words import methods_words, noise_words, notes
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.diagnosis_calibration import not_written
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.result_file import calibration_of
 

@@ -25,9 +25,9 @@ def shared_figure(found: JointDiagnosis, entries: Catalogue) -> Figure | None:
         panel.axhspan(value - 2 * sd, value + 2 * sd, color=MUTED, alpha=0.25, lw=0)
         panel.axhline(value, color=INK)
         for number, sizes in enumerate(estimates):
-            if own := sizes.get(name):
+            if size := sizes.get(name):
                 face = OUTSIDE if number in found.outlying else "white"
-                panel.errorbar(number + 1, own["value"], own["sd"], fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
+                panel.errorbar(number + 1, size["value"], size["sd"], fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
         panel.set_ylabel(f"{name}\n{common[name]['unit']}")
     panels[-1].xaxis.get_major_locator().set_params(integer=True)
     panels[-1].set_xlabel("unit, in the order of the files")
