@@ -1,5 +1,6 @@
 """Units on one head, or of a hand-held session, for people: words, verdict, files, and `diagnosis.html`."""
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -80,24 +81,17 @@ def write_units(
     first, second, *others = texts
     names = [first, second, "summary.csv", *others]
     if figures:
-        names += draw_each(folder, {_FIGURE: partial(shared_figure, found, entries)}, save)
-        names += write_units_page(folder / "diagnosis.html", found, entries, words)
+        drawn = draw_each(folder, {_FIGURE: partial(shared_figure, found, entries)}, save)
+        names += [*drawn, *write_units_page(folder / "diagnosis.html", found, words, drawn)]
     return names
 
 
 @page
-def write_units_page(path: Path, found: JointDiagnosis, entries: Catalogue, words: Words) -> None:
-    """Write `diagnosis.html`."""
+def write_units_page(path: Path, found: JointDiagnosis, words: Words, figures: Mapping[str, Path]) -> None:
+    """Write `diagnosis.html`; `figures`: their SVG files by name."""
     tables = {}
     for name, text in _TABLES.items():
         header, *rows = words.blocks[f"table {name}"]
         if rows:
             tables[name] = Table(header, rows, text or range(1, len(header)))
-    write_page(
-        path,
-        words,
-        verdict_of_units(found, words),
-        tone=TONES[found.verdict],
-        tables=tables,
-        figures={"shared": partial(shared_figure, found, entries)},
-    )
+    write_page(path, words, verdict_of_units(found, words), tone=TONES[found.verdict], tables=tables, figures=figures)
