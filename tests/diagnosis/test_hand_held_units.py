@@ -47,7 +47,8 @@ def test_sensors_of_one_session(diagnoser):
     sets = sensors(3, K2)
     screened = [diagnoser.begun(own, noise_sd=SIGMA).screened for own in sets]
     found = joint_diagnosis(screened, [own.source for own in sets])
-    rows = [(f"u{k}", {"causes": " + ".join(own.best.labels), "probability": 0.9}) for k, own in enumerate(screened)]
+    causes = [" + ".join(own.best.labels) for own in screened]
+    rows = [(f"u{k}", {"causes": labels, "probability": 0.9, "verdict": ""}) for k, labels in enumerate(causes)]
     text = verdict_of_units(found, words_of_units(found, rows, diagnoser.entries)).words()
     assert "No dividing head is involved" in text and found.fit.head is None and "error of the head" not in text
     assert found.joint.best.by_unit == ("second_order.y",) and found.verdict == "identified"
