@@ -133,15 +133,14 @@ def thermal(
 
 def _printed(output: Output, reading: "ThermalReading") -> None:
     """Print the layout, guesses and warnings of every source, then the branches and attitudes that were found."""
-    from tumblecal.report.recording_words import grouped_lines, layouts_words, left_out_words
+    from tumblecal.show.recordings import grouped_lines, layout_lines, left_out_lines
 
-    if reading.read:
-        output.say("\n".join(layouts_words(reading.read)))
+    output.say("\n".join(layout_lines(reading.read)))
     for recording in reading.read:
-        output.warn(str(recording.path), left_out_words(recording))
+        output.warn(str(recording.path), left_out_lines(recording))
     for source, lines in reading.warnings:
         warn(source, lines)
-    output.say("\n".join(grouped_lines(reading.lines)))
+    output.say("\n".join(grouped_lines(line.partition(": ")[::2] for line in reading.lines)))
 
 
 def _stated(temperature: TemperatureOptions) -> "Stated":
