@@ -64,7 +64,7 @@ def apply(
     from tumblecal.ground.gravity import gravity_of_option
     from tumblecal.recordings.correction.correction import Correction, write_corrected
     from tumblecal.recordings.correction.uncorrected import uncorrected
-    from tumblecal.report.recording_words import layout_words
+    from tumblecal.show.recordings import layout_lines
 
     local = gravity_of_option(options.gravity) if options.gravity else None
     read = read_checked(calibration)
@@ -90,7 +90,7 @@ def apply(
         print(f"WARNING: {calibration}: the data did not determine {undetermined}", file=sys.stderr)
     warn(raw, source.recording.damage.lines if source.recording else [])
     print(f"use of {calibration}: {read.use.words}")
-    for line in layout_words(source.recording) if source.recording else ():
+    for line in layout_lines([source.recording] if source.recording else []):
         print(line)
     if one_g is not None:
         print(f"one g is {one_g}{', as in the calibration' if calibrated_gravity else ''}")

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from tumblecal.recordings.reduction import Reduction
 
 _SET = ("check.json", "check.html")
-# Beginnings of lines on intervals at rest that matter here: steps of the readings, and rejected intervals.
-_OF_INTERVALS = ("axis", "axes", "rejected", "and ")
 
 
 def check(
@@ -117,16 +115,14 @@ def check(
 
 def _printed(output: Output, found: "Reduction") -> None:
     """Print layout, guesses and warnings of the recording."""
-    from tumblecal.report.recording_words import interval_words, layouts_words, left_out_words
+    from tumblecal.show.recordings import layout_lines, left_out_lines, words_of_reduction
 
     output.say("\n".join(found.dwells.lines))
-    if found.dwells.read:
-        output.say("\n".join(layouts_words(found.dwells.read)))
-    if found.dwells.stillness is not None:
-        first, *others = interval_words(found.dwells.stillness)
-        output.say("\n".join([first, *(line for line in others if line.startswith(_OF_INTERVALS))]))
+    output.say("\n".join(layout_lines(found.dwells.read)))
+    words = words_of_reduction(found.dwells)
+    output.say("\n".join(line for block in ("intervals", "steps", "rejected") for line in words.lines(block)))
     for recording in found.dwells.read:
-        output.warn(str(recording.path), left_out_words(recording))
+        output.warn(str(recording.path), left_out_lines(recording))
     for source, lines in found.dwells.warnings:
         warn(source, lines)
 

@@ -39,7 +39,8 @@ def import_samples(
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.recordings.description import SUFFIX, write_description
     from tumblecal.recordings.reading import read_recording
-    from tumblecal.report.recording_words import import_document, import_lines, left_out_words
+    from tumblecal.recordings.record import import_record
+    from tumblecal.show.recordings import import_lines, left_out_lines
 
     output.begin()
 
@@ -54,5 +55,5 @@ def import_samples(
     output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}"]))
     output.say(f"{description}: its description, for reduce, thermal, check and apply")
     if output.json:
-        print(json.dumps(import_document(source, path, contents)))
-    output.warn(str(source), left_out_words(contents))
+        print(json.dumps(import_record(source, path, contents)))
+    output.warn(str(source), left_out_lines(contents))

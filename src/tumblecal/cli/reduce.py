@@ -95,19 +95,22 @@ def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) ->
 
 def _printed(reduction: "Reduction", output: Output) -> None:
     """Print warnings, the recordings and the means; with --quiet only warnings."""
+    from rich.console import Console
+
     from tumblecal.data.gravity_size import moving_fault, size_fault
-    from tumblecal.report.recording_words import left_out_words, reduction_words
-    from tumblecal.report.reduction_terminal import print_reduction, unusual_words
+    from tumblecal.show.narrow import print_table
+    from tumblecal.show.recordings import left_out_lines, mean_table, noise_lines, reduction_lines, unusual_lines
 
     data, source = reduction.data, reduction.data.source
     for name, lines in reduction.dwells.warnings:
         warn(name, lines)
-    output.say("\n".join(reduction_words(reduction.dwells)))
+    output.say("\n".join(reduction_lines(reduction.dwells)))
     for recording in reduction.dwells.read:
-        (warn if reduction.noise is None else output.warn)(str(recording.path), left_out_words(recording))
+        (warn if reduction.noise is None else output.warn)(str(recording.path), left_out_lines(recording))
     if output.words and reduction.noise is not None:
-        print_reduction(reduction)
-    output.warn(source, unusual_words(reduction))
+        print_table(Console(), mean_table(reduction))
+        output.say("\n".join([*unusual_lines(reduction), *noise_lines(reduction)]))
+    output.warn(source, unusual_lines(reduction))
     if len(data) >= _FEWEST_SIZES:
         warn(source, filter(None, [size_fault(data.readings), moving_fault(data)]))
 

@@ -83,6 +83,8 @@ def thermal(
     out
         Output folder: calibration.json, thermal.html, thermal.json, bins.csv, parameters.csv. Example: --out unit17.
     """
+    from rich.console import Console
+
     from tumblecal.cli.start import start
 
     output.begin()
@@ -94,8 +96,10 @@ def thermal(
     from tumblecal.ground.result_set import result_set
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.recordings.thermal.read_thermal import thermal_reading
-    from tumblecal.report.thermal_files import write_thermal
-    from tumblecal.report.thermal_page import write_thermal_page
+    from tumblecal.show.narrow import print_table
+    from tumblecal.show.thermal import value_tables, verdict_of_thermal, words_of_thermal, write_thermal_page
+    from tumblecal.show.verdict import verdict_lines
+    from tumblecal.thermal.record import write_thermal
     from tumblecal.thermal.result import thermal_calibration
 
     stated, sd = _stated(temperature), stated_noise_sd(noise_sd, None)
@@ -114,17 +118,16 @@ def thermal(
     _printed(output, reading)
     with single_blas_thread(), output.working("fitting"):
         result = thermal_calibration(reading.table, stated)
+    words = words_of_thermal(result, out)
+    verdict = verdict_of_thermal(result, words)
     with output_folders([out]), result_set(out, _WRITTEN) as aside:
-        written = write_thermal(aside, result)
-        written += write_thermal_page(aside / "thermal.html", result)
-    if output.words:
-        from tumblecal.report.thermal_page import next_lines
-        from tumblecal.report.thermal_terminal import print_thermal
-
-        print_thermal(result)
-        output.say(f"written: {out}/: {', '.join(written)}")
-        if result.calibration.use.refused:
-            output.say("\n".join(next_lines(result, out)))
+        written = write_thermal(aside, result, verdict.words().splitlines())
+        written += write_thermal_page(aside / "thermal.html", result, words)
+    output.say("\n".join(["", *verdict_lines(verdict, output.columns)]))
+    for table in value_tables(result).values() if output.words else ():
+        print()
+        print_table(Console(), table)
+    output.say(f"written: {out}/: {', '.join(written)}")
     if result.calibration.use.refused:
         output.warn(reading.table.source, [f"use: {result.calibration.use.words}"])
     output.record(out / "thermal.json")
@@ -133,15 +136,14 @@ def thermal(
 
 def _printed(output: Output, reading: "ThermalReading") -> None:
     """Print the layout, guesses and warnings of every source, then the branches and attitudes that were found."""
-    from tumblecal.report.recording_words import grouped_lines, layouts_words, left_out_words
+    from tumblecal.show.recordings import grouped_lines, layout_lines, left_out_lines
 
-    if reading.read:
-        output.say("\n".join(layouts_words(reading.read)))
+    output.say("\n".join(layout_lines(reading.read)))
     for recording in reading.read:
-        output.warn(str(recording.path), left_out_words(recording))
+        output.warn(str(recording.path), left_out_lines(recording))
     for source, lines in reading.warnings:
         warn(source, lines)
-    output.say("\n".join(grouped_lines(reading.lines)))
+    output.say("\n".join(grouped_lines(line.partition(": ")[::2] for line in reading.lines)))
 
 
 def _stated(temperature: TemperatureOptions) -> "Stated":

@@ -61,33 +61,31 @@ def before_correction(result: ThermalResult) -> Float[np.ndarray, "rows 3"]:
 
 def bin_estimates(result: ThermalResult) -> BinEstimates:
     """Estimates of the parameters that follow temperature from the rows of each cell of temperature and direction alone."""
-    table, names = result.table, varying(result)
-    here = [SENSOR.index(name) for name in names]
-    cells, reached = cells_of(table.temperature_degc), np.asarray(table.reached_by)
+    table, here = result.table, [SENSOR.index(name) for name in varying(result)]
+    cells, degc, direction = cells_of(table.temperature_degc), list[float](), list[int]()
     white = after_correction(result) / table.sd
     design = _by_parameters(result)[:, :, here] / table.sd[:, :, None]
-    degc, direction, changes = [], [], []
-    for cell, sign in sorted({*zip(cells.tolist(), reached.tolist(), strict=True)}):
-        rows = (cells == cell) & (reached == sign)
+    changes, sd = list[np.ndarray](), list[np.ndarray]()
+    for cell, sign in sorted({*zip(cells.tolist(), table.reached_by.tolist(), strict=True)}):
+        rows = (cells == cell) & (table.reached_by == sign)
         columns = design[rows].reshape(-1, len(here))
-        if len(columns) < len(here) or np.linalg.matrix_rank(columns, rtol=1e-3) < len(here):
+        if np.linalg.matrix_rank(columns, rtol=1e-3) < len(here):
             continue
+        inverse = np.linalg.pinv(columns)
         degc.append(float(np.mean(table.temperature_degc[rows])))
         direction.append(sign)
-        changes.append((np.linalg.lstsq(columns, white[rows].ravel())[0], np.linalg.pinv(columns)))
+        changes.append(inverse @ white[rows].ravel())
+        sd.append(np.linalg.norm(inverse, axis=1))
     values = np.full((len(degc), len(SENSOR)), np.nan)
     if changes:
-        sd = np.array([np.linalg.norm(inverse, axis=1) for _, inverse in changes])
-        found = np.array([change for change, _ in changes])
-        values[:, here] = np.where(sd < _WEAKEST * np.median(sd, axis=0), found, np.nan)
-    places = np.array(degc)
-    return BinEstimates(places, np.array(direction, int), values + parameters_at(result, places))
+        values[:, here] = np.where(sd < _WEAKEST * np.median(sd, axis=0), changes, np.nan)
+    return BinEstimates(np.array(degc), np.array(direction, int), values + parameters_at(result, np.array(degc)))
 
 
 def parameters_at(result: ThermalResult, degc: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "rows 9"]:
     """The parameters at temperatures; for those that are not known at the reference, their changes since there."""
     values = np.zeros((len(degc), len(SENSOR))) if result.curves is None else result.curves.at(degc)
-    known = np.array([known_at_reference(result, name) for name in SENSOR])
+    known = [known_at_reference(result, name) for name in SENSOR]
     return values + np.where(known, result.calibration.sensor.of(SENSOR).values, 0.0)
 
 
@@ -97,8 +95,7 @@ def sd_at(result: ThermalResult, degc: Float[np.ndarray, " rows"]) -> Float[np.n
     assert curves is not None
     changes = curves.covariance.copy()
     unknown = [k for k, name in enumerate(SENSOR) if not known_at_reference(result, name)]
-    changes[unknown] = 0.0
-    changes[:, unknown] = 0.0
+    changes[unknown] = changes[:, unknown] = 0.0
     return replace(curves, covariance=changes).sd(degc)
 
 
@@ -116,14 +113,10 @@ def _by_parameters(result: ThermalResult) -> Float[np.ndarray, "rows 3 9"]:
     table = result.table
     force = result.calibration.corrected(table.readings, table.temperature_degc, extrapolate=True)
     slope = np.zeros((len(table), 3, len(SENSOR)))
-    for name, axis, share in (
-        *((f"dK_{axis}", k, force[:, k]) for k, axis in enumerate("xyz")),
-        *((f"bias_{axis}", k, np.ones(len(table))) for k, axis in enumerate("xyz")),
-        ("gamma_21", 1, force[:, 0]),
-        ("gamma_31", 2, force[:, 0]),
-        ("gamma_32", 2, force[:, 1]),
-    ):
-        slope[:, axis, SENSOR.index(name)] = share
+    # dK and bias of each axis, then gamma_21, gamma_31 and gamma_32.
+    slope[:, range(3), range(3)] = force
+    slope[:, range(3), range(3, 6)] = 1.0
+    slope[:, [1, 2, 2], range(6, 9)] = force[:, [0, 0, 1]]
     return slope
 
 
