@@ -26,7 +26,7 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     from tumblecal.ground.gravity import STANDARD
     from tumblecal.history.comparison import common_temperature
     from tumblecal.history.comparison import compare as compared
-    from tumblecal.report.history_words import comparison_text
+    from tumblecal.show.comparison import comparison_text
 
     second = read_any(new)
     gravity = (second.gravity or STANDARD).value_ms2
@@ -49,7 +49,7 @@ def _sensor(given: str, calibration: "Calibration", degc: float | None) -> "tupl
     from tumblecal.data.not_applied import losses_words
     from tumblecal.data.uncertainty_parts import contribution_words
     from tumblecal.devices import TARGETS
-    from tumblecal.report.history_words import dof_words
+    from tumblecal.show.comparison import dof_words
 
     if name := calibration.provenance.get("format"):
         target = TARGETS[name]

@@ -240,7 +240,7 @@ def _restore_files(database: Path, number: int, out: Path | None) -> int:
 def _list(database: Path, entries: "Sequence[Entry]") -> None:
     from tumblecal.ground.counted import counted
     from tumblecal.ground.suggested_command import suggested
-    from tumblecal.report.history_list import listed
+    from tumblecal.show.history_list import listed
 
     print(listed(entries))
     entries = [entry for entry in entries if not entry.damaged]
@@ -257,7 +257,7 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
     from tumblecal.ground.suggested_command import suggested
     from tumblecal.history.database import of_unit
     from tumblecal.history.repeatability import unit_history
-    from tumblecal.report.history_words import history_text
+    from tumblecal.show.history import history_text, words_of_history
 
     entries = of_unit(database, serial)
     _warned(database, [entry for entry in entries if entry.damaged])
@@ -266,13 +266,15 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
         raise InputError(
             f"{database}: no result of {serial} has a calibration; list all results without the serial number"
         )
+    words = words_of_history(serial, judged, risk)
     pages = f"tables and control charts: {suggested('history', database, serial, '--out', 'page')}"
     if out is not None:
         from tumblecal.ground.result_set import result_set
-        from tumblecal.report.history_page import draw_charts, write_history_page
+        from tumblecal.report.history_page import draw_charts
+        from tumblecal.show.history_page import write_history_page
 
         with result_set(out, _SET) as aside:
             names = draw_charts(aside, judged)
-            names += write_history_page(aside / "history.html", serial, judged, risk, names)
+            names += write_history_page(aside / "history.html", words, judged, names)
         pages = f"written: {out}/: {', '.join(names)}"
-    print(f"{history_text(serial, judged, risk)}\n{pages}")
+    print(f"{history_text(words)}\n{pages}")

@@ -14,8 +14,19 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tumblecal.ground.counted import counted, shortened
-from tumblecal.ground.numbers_shown import capped, changed, p_cell, p_words, rounded_together, with_decimals
+from tumblecal.ground.numbers_shown import (
+    capped,
+    changed,
+    decimals,
+    p_cell,
+    p_words,
+    rounded,
+    rounded_together,
+    with_decimals,
+)
 from tumblecal.ground.suggested_command import suggested
+from tumblecal.ground.units import in_words, shown
+from tumblecal.show.tables import Table, number
 from tumblecal.show.verdict import Finding, Unresolved, Verdict, as_sentence, ended
 
 
@@ -58,6 +69,11 @@ class Words:
     def pairs(self, block: str) -> list[tuple[str, str]]:
         """The first two cells of each entry of a block."""
         return [(cells[0], cells[1] if len(cells) > 1 else "") for cells in self.blocks.get(block, ())]
+
+    def table(self, block: str, **options: Any) -> Table | None:
+        """A block as a table, its first entry as the header; None without rows. `options`: of the table."""
+        header, *rows = self.blocks.get(block) or [()]
+        return Table(header, rows, **options) if rows else None
 
     def verdict(self, verdict: str, source: str, use: str = "") -> Verdict:
         """The verdict by the blocks headline, found, unresolved, evidence, next and details.
@@ -162,4 +178,11 @@ def _environment() -> Environment:
     }
     environment.filters |= filters
     environment.globals |= {"plus_minus": rounded_together, "changed": changed, "command": _command}
+    environment.globals |= {
+        "shown": shown,
+        "in_words": in_words,
+        "rounded": rounded,
+        "decimals": decimals,
+        "number": number,
+    }
     return environment
