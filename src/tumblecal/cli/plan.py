@@ -112,6 +112,7 @@ def plan(
     start()
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.design.plan import design_plan
+    from tumblecal.design.plan_files import RIG, earlier_files, write_plan
     from tumblecal.effects import catalogue
     from tumblecal.effects.catalogue import read_rig_with_effects
     from tumblecal.ground.atomic import output_folders
@@ -119,8 +120,7 @@ def plan(
     from tumblecal.ground.examples import file_or_example
     from tumblecal.ground.result_set import result_set
     from tumblecal.ground.strict_toml import read_toml
-    from tumblecal.report.plan_files import RIG, earlier_files, write_plan
-    from tumblecal.report.plan_page import write_plan_page
+    from tumblecal.show.plan import plan_lines, print_plan, words_of_plan, write_plan_page
 
     files = [Path(text) for text in options.effects if "=" not in text]
     read = [options.augment, *options.compare, *files]
@@ -131,13 +131,13 @@ def plan(
     wanted = _wanted(head, options, entries)
     with single_blas_thread(), output.working("designing"):
         designed = design_plan(head, wanted, entries)
+    words = words_of_plan(designed, out)
+    texts = list(plan_lines(words)), words.pairs("assumptions")[1:]
     with output_folders([out]), result_set(out, earlier) as aside:
-        written = write_plan(aside, designed, read_toml(file_or_example(rig)))
-        written += write_plan_page(aside / "plan.html", designed)
+        written = write_plan(aside, designed, read_toml(file_or_example(rig)), *texts)
+        written += write_plan_page(aside / "plan.html", designed, words)
     if output.words:
-        from tumblecal.report.plan_terminal import print_plan
-
-        print_plan(designed, out)
+        print_plan(words)
         output.say(f"written: {out}/: {', '.join(written)}")
     output.record(out / "plan.json")
 
