@@ -175,10 +175,9 @@ def test_drift_its_sd_and_the_interval():
     assert still.interval(0.05)[0] == pytest.approx(11.0)  # as long as the history
     assert np.isnan(unit_history(results(2), PAPER_LIMITS).interval(0.05)[0])
     jumpy = unit_history(results(8, extra=1e-3), PAPER_LIMITS)
-    assert jumpy.interval(0.05)[0] == 0.0 and "already exceeds its limit" in words_of_history("A-17", jumpy, 0.05).text(
-        "interval"
-    )
-    assert jumpy.repeats[0].sd == pytest.approx(1e-3, rel=0.4) and jumpy.repeats[0].beyond_limit
+    assert "already exceeds its limit" in words_of_history("A-17", jumpy, 0.05).text("interval")
+    assert jumpy.repeats[0].sd == pytest.approx(1e-3, rel=0.4)
+    assert jumpy.interval(0.05)[0] == 0.0 and jumpy.repeats[0].beyond_limit
 
 
 def test_a_drift_and_its_uncertainty_are_those_of_weighted_least_squares():

@@ -17,7 +17,7 @@ from tumblecal.ground.units import shown
 
 def write_certificate(path: Path, admin: Admin, results: Results, limits_source: str) -> None:
     """Write the page, whole or not at all."""
-    environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
+    environment = Environment(loader=PackageLoader("tumblecal.show"), autoescape=True, undefined=StrictUndefined)
     calibration = results.calibration
     text = environment.get_template("certificate.html").render(
         admin=admin,
