@@ -213,7 +213,7 @@ def write_page(
 def _section(
     words: SectionWords, tables: Mapping[str, Table], drawn: Mapping[str, str], code: Mapping[str, Sequence[str]]
 ) -> Section | None:
-    """A section with what its places hold; None without any content."""
+    """A section with the content of its places; None without any content."""
     texts, lines = list[str](), list[str]()
     held, figures = list[Table](), list[PageFigure]()
     for first, *caption in words.entries:
