@@ -104,12 +104,7 @@ def test_a_history_takes_the_degrees_of_freedom_of_its_files(tmp_path):
     np.testing.assert_allclose(kept[2].effective_dof, 80.0)
     assert joint_dof(kept[2], np.eye(12)) == pytest.approx(80.0)
     judged = unit_history(of_unit(tmp_path / "lab.db", "A-17"), PAPER_LIMITS)
-<<<<<<< HEAD
-    noise = words_of_history("A-17", judged, 0.05).lines("evidence")[-1]
-    assert noise == "The noise of 2 results was estimated from 3 to 5 degrees of freedom."
-=======
     assert "of 2 results was estimated from 3 to 5 degrees" in words_of_history("A-17", judged, 0.05).text("evidence")
->>>>>>> w_plan
 
 
 def test_e_n_takes_student_s_k():
