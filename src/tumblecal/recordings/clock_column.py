@@ -34,7 +34,7 @@ def clock_among(first: pl.DataFrame, free: Sequence[str]) -> Column | None:
         if 0 < scale < 1 and 0 <= np.nanmin(numbers[name]) < np.nanmax(numbers[name]) < 1 / scale
     ]  # fmt: skip
     if whole and parts and {*usable} <= {whole[0], parts[0]}:
-        return Column(parts[0], "s", "name", scales[parts[0]], whole=whole[0])
+        return Column(parts[0], "s", "name", scale=scales[parts[0]], whole=whole[0])
     found = usable or named or dated
     return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 
@@ -96,5 +96,5 @@ def clock_with_unit(
     given = options.time_unit or column.unit
     unit, note = unit_of_times(times, name, given, options.rate or stated_rate(table), path)
     notes += [note] * bool(note)
-    why = f"{column.why}; unit: {'the rate that it gives' if note else 'file'}"
-    return replace(column, unit="s", scale=TIME_S[unit], why=why) if unit else None
+    why = "the rate that it gives" if note else "file"
+    return replace(column, unit="s", scale=TIME_S[unit], unit_why=why) if unit else None

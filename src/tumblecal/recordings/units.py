@@ -96,7 +96,7 @@ def with_units(
     for role in filter(columns.__contains__, (*FORCE, *RATE)):
         column, own, evidence = columns[role], *((unit, why) if role in FORCE else (rate, rate_why))
         scale = column.scale / (per_dps if per_dps and role in RATE else 1.0)
-        found[role] = replace(column, unit=own, scale=scale, why=f"{column.why}; unit: {evidence}")
+        found[role] = replace(column, unit=own, scale=scale, unit_why=evidence)
     return found, per_g
 
 

@@ -188,7 +188,7 @@ def import_document(source: Path, out: Path, recording: "Recording") -> dict[str
         "rate_hz": rate,
         "duration_s": recording.rows / rate if rate else None,
         "columns": {
-            role: {"column": column.name, "unit": column.unit or None, "why": column.why}
+            role: {"column": column.name, "unit": column.unit or None, "why": column.evidence}
             for role, column in layout.columns.items()
         },
         "accelerations": {"unit": layout.unit, "counts_per_g": layout.per_g, "size": layout.size},
@@ -217,7 +217,7 @@ def import_lines(recording: "Recording") -> list[str]:
     ]
     for role, column in layout.columns.items():
         unit = UNITS.get(column.unit, column.unit) + (per_g if role in FORCE else "")
-        rows.append((role, column.name, unit, column.why))
+        rows.append((role, column.name, unit, column.evidence))
     rows.append(("size", f"about {layout.size:.5g}", UNITS[layout.unit], "of gravity in ax, ay, az"))
     repeats = [record.words for record in damage if record.kind == _REPEATS]
     others = [record.words for record in damage if record.kind != _REPEATS]

@@ -96,11 +96,6 @@ def _by_number(names: Sequence[str]) -> str:
     return f"--columns {known}" if {*FORCE} <= {*columns} else COLUMNS_OPTION
 
 
-def known_names(cells: Sequence[str]) -> bool:
-    """Whether some cells name a quantity."""
-    return any(role_of(cell)[0] for cell in cells)
-
-
 def are_units(cells: Sequence[str]) -> bool:
     """Whether most cells that are not empty are units, with or without brackets."""
     return 2 * sum(map(bool, map(_unit, cells))) > sum(map(bool, cells)) > 1
