@@ -106,6 +106,23 @@ def test_what_loggers_write_needs_no_question(tmp_path, force, header, row, firs
     assert recording.layout.columns["ax"].name == header.split(",")[1]
 
 
+@pytest.mark.parametrize("system", ["elapsed-time-system", "Timestamp"])
+def test_of_two_clocks_the_one_with_regular_steps_is_used(tmp_path, force, system):
+    """The clock of the system that receives samples in batches, or in whole seconds, is not that of the sensor."""
+    sensor = "elapsed-time-sensor" if system != "Timestamp" else "Milliseconds"
+    times = np.arange(300) / 50
+    late = [f"2026-03-29 10:00:0{t:.0f}" for t in np.floor(times)] if system == "Timestamp" else np.ceil(times * 7) / 7
+    own = times if sensor != "Milliseconds" else times * 1000
+    rows = [f"{a},{b:.6g},{x:.5f},{y:.5f},{z:.5f}" for a, b, (x, y, z) in zip(late, own, force.tolist(), strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join([f"{system},{sensor},x,y,z", *rows]) + "\n")
+    recording = read_recording(tmp_path / "log.csv")
+    assert recording.layout.columns["time"].name == sensor and recording.rate_hz == pytest.approx(50.0)
+    words = f"clock: {sensor}, not {system}, whose steps are irregular; to override: --columns time={system}"
+    assert words in recording.layout.notes
+    chosen = read_recording(tmp_path / "log.csv", columns=f"time={system}")
+    assert chosen.layout.columns["time"].name == system
+
+
 def test_millimetres_a_second_squared_are_no_counts(tmp_path, force):
     log = text(tmp_path / "log.csv", "time,accX,accY,accZ", np.column_stack([np.arange(300) / 400, 9780 * force]))
     assert read_recording(log).layout.per_g == 9806.65

@@ -9,7 +9,17 @@ import polars as pl
 from tumblecal.data.column_names import parsed, role_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
-from tumblecal.recordings.clock import DAY_S, FORMS, TIME_S, form_of, overflows, rises, seconds_of, unit_of_times
+from tumblecal.recordings.clock import (
+    DAY_S,
+    FORMS,
+    TIME_S,
+    form_of,
+    overflows,
+    regular,
+    rises,
+    seconds_of,
+    unit_of_times,
+)
 from tumblecal.recordings.columns import Column, stated_rate
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
@@ -18,14 +28,20 @@ from tumblecal.recordings.table import Table
 _CELLS, _CLOCK_ROWS = 100, 1000
 
 
-def clock_among(first: pl.DataFrame, free: Sequence[str]) -> Column | None:
-    """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words; then
-    any column with dates."""
-    named = sorted((name for name in free if role_of(name)[0] == "time"), key=lambda name: parsed(name).foreign)
-    numbers = {name: Column(name).numbers(first) for name in named}
-    dated = [name for name in free if first[name].dtype.is_temporal() or form_of(_texts(first[name].head(_CELLS)))]
+def clock_among(first: pl.DataFrame, free: Sequence[str], notes: list[str]) -> Column | None:
+    """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words, then
+    one with regular steps; then any column with dates. `notes`: gets a choice by the steps."""
+
+    def evidence(name: str) -> tuple[bool, int]:
+        return not (parsed(name).unit or name in dated), parsed(name).foreign
+
+    named = [name for name in free if role_of(name)[0] == "time"]
+    forms = {name: form_of(_texts(first[name].head(_CELLS))) for name in free}
+    dated = [name for name in free if forms[name] or first[name].dtype.is_temporal()]
+    numbers = {name: Column(name, form=forms[name]).numbers(first) for name in named}
     usable = [name for name in named if name in dated or (rises(numbers[name]) and not overflows(numbers[name]))]
-    usable.sort(key=lambda name: not (parsed(name).unit or name in dated))
+    named.sort(key=lambda name: parsed(name).foreign)
+    usable.sort(key=evidence)
     # Whole seconds in one column, and their fraction in ms, us or ns in another.
     scales = {name: TIME_S.get(parsed(name).unit, 0.0) for name in named if np.isfinite(numbers[name]).any()}
     whole = [name for name, scale in scales.items() if scale == 1 and not (numbers[name] % 1 > 0).any()]
@@ -35,6 +51,12 @@ def clock_among(first: pl.DataFrame, free: Sequence[str]) -> Column | None:
     ]  # fmt: skip
     if whole and parts and {*usable} <= {whole[0], parts[0]}:
         return Column(parts[0], "s", "name", scale=scales[parts[0]], whole=whole[0])
+    equal = [name for name in usable if evidence(name) == evidence(usable[0])]
+    if steady := [name for name in equal if regular(np.diff(numbers[name][np.isfinite(numbers[name])]))][:1]:
+        if steady != usable[:1]:
+            words = f"clock: {steady[0]}, not {usable[0]}, whose steps are irregular"
+            notes.append(f"{words}; to override: --columns time={usable[0]}")
+        usable = steady
     found = usable or named or dated
     return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 
