@@ -22,7 +22,7 @@ from tumblecal.show.recordings import grouped_lines, import_lines, reduction_lin
 
 
 COLUMNS = {"time": Column("t", "s", "name")} | {
-    f"a{axis}": Column(f"Acc{axis}", "counts", "name; unit: option") for axis in "xyz"
+    f"a{axis}": Column(f"Acc{axis}", "counts", "name", "option") for axis in "xyz"
 }
 LAYOUT = Layout(COLUMNS, 2048.0, 2050.4, ("unit guessed: 2048/g",))
 FAULTY = {

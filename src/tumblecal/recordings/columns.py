@@ -32,7 +32,8 @@ class Column:
 
     **Arguments:**
 
-    - `name`: in the source. `why`: the evidence for it. `form`: of times written as text; `offset` is then the first day.
+    - `name`: in the source. `why`: the evidence for it. `unit_why`: that for its unit; empty before units are known.
+    - `form`: of times written as text; `offset` is then the first day.
     - `whole`: the column of the whole seconds of a clock whose fractions are in `name`.
     - `bits`: of numbers of which negative ones are written as unsigned ones; 0 for others.
     """
@@ -40,11 +41,17 @@ class Column:
     name: str
     unit: str = ""
     why: str = ""
+    unit_why: str = ""
     scale: float = 1.0
     offset: float = 0.0
     form: str = ""
     whole: str = ""
     bits: int = 0
+
+    @property
+    def evidence(self) -> str:
+        """The evidence for the column and its unit, in words."""
+        return "; unit: ".join(filter(None, (self.why, self.unit_why)))
 
     def reading(self) -> pl.Expr:
         """The readings, or the seconds of a clock; null for a cell that is no number."""

@@ -52,7 +52,7 @@ def layout_of(
     if not {*FORCE} & {*columns}:
         columns |= chosen(table.columns, {column.name for column in columns.values()}, readings, notes, path)
     columns |= _singles(columns, free())
-    if "time" not in columns and (clock := clock_among(first, free())):
+    if "time" not in columns and (clock := clock_among(first, free(), notes)):
         columns["time"] = clock
     columns |= letters_t(first, columns, free(), notes)
     if lacking := [role for role in FORCE if role not in columns]:
@@ -97,15 +97,17 @@ def _readable(
     **Raises:** `InputError` for accelerations, angles, and columns named by an option, without any number.
     """
     found = dict(columns)
-    for role in (*FORCE, *RATE, "temperature", *NUMBERS):
-        if role not in columns or np.isfinite(columns[role].numbers(first)).any():
-            continue
+    checked = [role for role in (*FORCE, *RATE, "temperature", *NUMBERS) if role in columns]
+    empty = [role for role in checked if not np.isfinite(columns[role].numbers(first)).any()]
+    for role in empty:
         name = columns[role].name
         texts = first.select(pl.col(name).cast(pl.String).str.strip_chars(), row=ROW if ROW in first.columns else None)
-        texts = texts.filter(pl.col(name) != "").head(1) if not first[name].dtype.is_numeric() else texts.head(0)
+        texts = texts.filter(~pl.col(name).is_in(["", "NaN"]))
         cell, row = texts.row(0) if len(texts) else ("", None)
-        place = f"{table.row_word} {row}, " if row else ""
-        words = f"{place}column {name}: {f'{shown(cell)}: no number' if cell else 'every cell is empty or NaN'}"
+        place = f"{table.row_word}s {row} to {texts.row(-1)[1]}, " if row else ""
+        alike = [columns[axis].name for axis in FORCE if axis in empty] if role in FORCE else [name]
+        what = f"{shown(cell)}: no number" if cell else "every cell is empty or NaN"
+        words = f"{place}column{'s'[: len(alike) - 1]} {', '.join(alike)}: {what}"
         if role in FORCE or columns[role].why == "option" or (cell and role in NUMBERS):
             comma = re.fullmatch(r"[+-]?\d*,\d+(e[+-]?\d+)?", cell, re.IGNORECASE)
             cure = "its comma may be decimal: --decimal comma" if comma else f"{advice(cell, role)}, or give --columns"

@@ -31,7 +31,7 @@ def import_record(source: Path, out: Path, recording: Recording) -> dict[str, An
         "rate_hz": rate,
         "duration_s": recording.rows / rate if rate else None,
         "columns": {
-            role: {"column": column.name, "unit": column.unit or None, "why": column.why}
+            role: {"column": column.name, "unit": column.unit or None, "why": column.evidence}
             for role, column in layout.columns.items()
         },
         "accelerations": {"unit": layout.unit, "counts_per_g": layout.per_g, "size": layout.size},
