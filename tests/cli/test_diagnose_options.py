@@ -8,9 +8,9 @@ import pytest
 from tumblecal import read_rig, simulate
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.commands import app
-from tumblecal.cli.options import angles
 from tumblecal.data import write_positions
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import angles
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("few_effects")
 @pytest.mark.parametrize(
     ("texts", "expected"),
     [
-        ((), None),
+        ((), ()),
         (("0", "90", "-30"), (0.0, 90.0, -30.0)),
         (("0:90:30",), (0.0, 30.0, 60.0, 90.0)),
         (("-30:30:20", "5,10"), (-30.0, -10.0, 10.0, 30.0, 5.0)),

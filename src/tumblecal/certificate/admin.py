@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.measured import MEASURED, measured_at
-from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+from tumblecal.data.sensor_parameters import SENSOR, UNITS, leaf_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Strict, checked, read_toml
 from tumblecal.ground.toml_faults import located
@@ -197,7 +197,7 @@ def read_limits(path: Path) -> tuple[str, dict[str, float]]:
             )
             continue
         try:
-            size = quantity(text, GROUPS[leaf_of(names[0])][1])
+            size = quantity(text, UNITS[names[0]])
             if not size > 0:
                 raise InputError(f"{text!r} must be above 0")
             (single if key in SENSOR else of_leaves).update(dict.fromkeys(names, size))

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Parameter, ValidationError
 
 from tumblecal import __version__
+from tumblecal.cli.command import warn_in_one_line
 from tumblecal.cli.interrupts import NOTHING_HALF_WRITTEN, interrupted, interrupted_by, line_of
-from tumblecal.cli.output import warn_in_one_line
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.plain_text import first_control
 from tumblecal.ground.unwritable import FULL
@@ -23,6 +23,8 @@ app = App(
     help="Calibrate accelerometer triads on a dividing head, and find the errors of the model.",
     result_action="return_value",
     suppress_keyboard_interrupt=False,
+    default_parameter=Parameter(negative=()),
+    help_format="plaintext",  # the list of commands needs no Markdown, which takes a tenth of a second to import
 )
 # Help lines are here, so that --help imports no command.
 COMMANDS = {
@@ -50,13 +52,16 @@ COMMANDS = {
     "ports": "List the serial ports.",
     "emulate": "Emulate an instrument on a pseudo-terminal.",
 }
-# A command whose name is a keyword of Python.
-_FILES = {"import": "import_samples"}
 for _name, _help in COMMANDS.items():
-    _file = _FILES.get(_name, _name)
-    app.command(f"tumblecal.cli.{_file}:{_file}", name=_name, help=_help)
+    _file = "import_samples" if _name == "import" else _name  # a keyword of Python
+    _format = {} if _name == "study" else {"help_format": "markdown"}
+    app.command(f"tumblecal.cli.{_file}:{_file}", name=_name, help=_help, **_format)
 app.command("tumblecal.cli.about:about", name="about", show=False)
-app.register_install_completion_command(help="Install shell completion of commands and options.")
+app.command(
+    "tumblecal.cli.about:install_completion",
+    name="--install-completion",
+    help="Install shell completion of commands and options.",
+)
 
 
 def run() -> int:
@@ -134,6 +139,9 @@ def _words(arguments: list[str]) -> list[str]:
 def _usage(error: CycloptsError) -> str:
     """One line for a fault of the command line, with its help command."""
     fault = " ".join(str(error).split())
+    if isinstance(error, ValidationError) and error.argument is not None:
+        values = " ".join(token.value for token in error.argument.tokens)
+        fault = f"{error.argument.name} {values}: {error.exception_message[:1].lower()}{error.exception_message[1:]}"
     fault = fault if fault.endswith("...") else fault.removesuffix(".")
     command = " ".join(error.command_chain or ())
     negative = next((word for word in sys.argv[1:] if word[:1] == "-" and word[1:2].isdigit()), None)

@@ -1,0 +1,180 @@
+"""What every command does once: start, printed output, files of a result, JSON, warnings and exit code."""
+
+import json
+import os
+import shutil
+import sys
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from tumblecal.cli.interrupts import interrupted
+from tumblecal.cli.options import Quiet, options
+from tumblecal.ground.errors import InputError, SupplementWarning, one_line
+from tumblecal.ground.plain_text import plain
+
+
+if TYPE_CHECKING:
+    from tumblecal.data.calibration_use import Use
+
+
+# Exit code for a result that must not be used; its files are written.
+NOT_USABLE = 3
+_OTHERS = warnings.formatwarning
+
+
+def warn(source: object, lines: Iterable[str]) -> None:
+    """Print warnings on stderr, one line each."""
+    for line in lines:
+        print(f"WARNING: {source}: {one_line(line)}", file=sys.stderr)
+
+
+def warn_in_one_line() -> None:
+    """From now on a missing figure or page is one line on stderr."""
+    warnings.formatwarning = _words
+
+
+def _words(message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None) -> str:
+    if not issubclass(category, SupplementWarning):
+        return _OTHERS(message, category, filename, lineno, line)
+    if interrupted():  # compiled modules convert the exception of a signal into other errors
+        raise KeyboardInterrupt
+    return f"WARNING: {message}\n"
+
+
+def table_file(path: Path, inputs: Iterable[Path | None]) -> Path:
+    """A table to write, checked before the work begins.
+
+    **Raises:** `InputError` for another kind of file, one of the inputs, or one that cannot be written.
+    """
+    from tumblecal.data.overwriting import protect_inputs
+    from tumblecal.ground.atomic import writable_file
+
+    if path.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{path}: must end in .csv or .parquet")
+    protect_inputs(inputs, out=path)
+    writable_file(path)
+    return path
+
+
+@contextmanager
+def results(out: Path, names: Sequence[str], inputs: Iterable[Path | None] = ()) -> Iterator[Path]:
+    """A temporary folder for the files of a result. When the block ends, they replace those of the earlier result in `out`.
+
+    **Arguments:**
+
+    - `names`: glob patterns of the files. `inputs`: of the command.
+
+    **Raises:** `InputError`, before the work begins, if a file of the result is an input or cannot be written.
+    """
+    from tumblecal.data.overwriting import protect_inputs
+    from tumblecal.ground.atomic import output_folders
+    from tumblecal.ground.result_set import result_set
+
+    protect_inputs(inputs, folders=[out], names=names)
+    with output_folders([out]), result_set(out, names) as aside:
+        yield aside
+
+
+def names_written(out: Path, names: Sequence[str]) -> str:
+    """The files of a result, for the last line of a command."""
+    return f"written: {out}/: {', '.join(path.name for name in names for path in sorted(out.glob(name)))}"
+
+
+@options
+class Command:
+    """One call of a command, with its printed output."""
+
+    quiet: Quiet = False
+    verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), help="Progress messages on stderr.")] = False
+    json: Annotated[
+        bool, Parameter(help="Result as JSON instead of words: one document for each file, one on each line.")
+    ] = False
+
+    def begin(self, *, computing: bool = True, one_thread: bool = False) -> None:
+        """Apply the options; prepare the process for a command that computes.
+
+        **Raises:** `InputError` for options that contradict each other.
+        """
+        if self.quiet and (self.verbose or self.json):
+            raise InputError(
+                f"--quiet and --{'json' if self.json else 'verbose'} contradict each other; give one of them"
+            )
+        if self.verbose:
+            import logging
+
+            handler = logging.StreamHandler()
+            handler.setFormatter(logging.Formatter("%(relativeCreated)6.0f ms %(name)s: %(message)s"))
+            logging.getLogger("tumblecal").addHandler(handler)
+            logging.getLogger("tumblecal").setLevel(logging.DEBUG)
+        if computing:
+            from tumblecal.cli.start import start
+
+            start(one_thread=one_thread)
+
+    @property
+    def words(self) -> bool:
+        """Whether words are printed."""
+        return not (self.quiet or self.json)
+
+    @property
+    def _on_terminal(self) -> bool:
+        return sys.stdout.isatty() or "COLUMNS" in os.environ
+
+    @property
+    def columns(self) -> int:
+        """Width of a formatted text: 100 columns, or that of a narrower terminal."""
+        from tumblecal.report.verdict import WIDTH
+
+        return min(WIDTH, shutil.get_terminal_size().columns) if self._on_terminal else WIDTH
+
+    def say(self, *paragraphs: str) -> None:
+        """Print words, unless JSON or silence is asked for; folded on a terminal, otherwise one line for each paragraph."""
+        text = plain("\n".join(filter(None, paragraphs)))
+        if self.words and text:
+            if self._on_terminal:
+                from tumblecal.report.narrow import folded
+
+                text = folded(text, shutil.get_terminal_size().columns)
+            print(text, flush=True)
+
+    def warn(self, source: object, lines: Iterable[str]) -> None:
+        """Print warnings on stderr, one line each, if no words are printed that include them."""
+        if not self.words:
+            warn(source, lines)
+
+    def record(self, document: Path) -> None:
+        """Print a written document on one line, if JSON is asked for."""
+        if self.json:
+            print(json.dumps(json.loads(document.read_text(encoding="utf-8"))), flush=True)
+
+    def end(self, out: Path, names: Sequence[str], document: str, use: "Use | None" = None, more: str = "") -> int:
+        """Print the names of the written files, or the document as JSON.
+
+        **Arguments:**
+
+        - `out`, `names`: as of `results`. `use`: of the result. `more`: words after the names.
+
+        **Returns:** the exit code.
+        """
+        self.say(names_written(out, names) + more)
+        self.record(out / document)
+        return NOT_USABLE if use is not None and use.refused else 0
+
+    @contextmanager
+    def working(self, words: str) -> Iterator[None]:
+        """Show progress and elapsed time on stderr, if it is a terminal."""
+        if not self.words or not sys.stderr.isatty():
+            yield
+            return
+        from rich.console import Console
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+            progress.add_task(words, total=None)
+            yield
