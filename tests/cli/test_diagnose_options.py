@@ -99,7 +99,7 @@ def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, two_files):
     """Two files are adequate as two runs, not as one."""
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
     outcome = tumblecal("diagnose", "--join", *two_files, *options)
-    assert outcome.out.startswith("Runs: a, b: one for each file (--same-run joins them).\n")
+    assert outcome.out.startswith("Runs: a, b. With --same-run, ")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == "adequate"
     outcome = tumblecal("diagnose", "--join", "--same-run", *two_files, *options)
     assert outcome.out.startswith("Assumed: one run for all 2 files.\n")

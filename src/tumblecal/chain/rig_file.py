@@ -15,9 +15,9 @@ from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.chain.rig_temperature import TemperatureTable, rig_temperature
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.examples import file_or_example
-from tumblecal.ground.strict_toml import Line, Number, Numbers, Strict, checked, read_toml
+from tumblecal.ground.strict_toml import Line, Number, Numbers, SdOrNone, Strict, checked, read_toml
 from tumblecal.ground.toml_faults import located
-from tumblecal.ground.units import factor, quantity, reading_sd
+from tumblecal.ground.units import factor, quantity
 
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Values(Strict):
 class NoiseTable(Strict):
     """White noise of a position mean."""
 
-    sd: str
+    sd: SdOrNone
 
 
 class RigTable(Strict):
@@ -129,12 +129,6 @@ def rig_of(
     priors = _sizes(path, "priors", table.priors, units, faults)
     # The residual sd is not a parameter.
     usual = _sizes(path, "usual", table.usual, units | {"scatter": "g"}, faults)
-    noise = None
-    if table.noise is not None:
-        try:
-            noise = reading_sd(table.noise.sd, none=True)
-        except InputError as error:
-            faults.append(f"{path}: noise.sd: {error}")
     temperature = rig_temperature(table.temperature, table.chain.links, faults, str(path))
     if faults:
         raise InputError(located(path, faults))
@@ -149,7 +143,7 @@ def rig_of(
         effects=tuple(table.chain.effects),
         effect_links=effects,
         truth=truth,
-        noise_sd_g=noise,
+        noise_sd_g=None if table.noise is None else table.noise.sd,
         priors={name: (0.0, size) for name, size in priors.items()},
         usual=usual,
         considered=table.considered,

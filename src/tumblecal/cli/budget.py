@@ -4,11 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
-from cyclopts.validators import Number
-
 from tumblecal.cli.command import Command, results
-from tumblecal.cli.options import ModelOptions, Seed, options
+from tumblecal.cli.options import ModelOptions, Seed, options, within
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import suggested
 
@@ -37,8 +34,8 @@ class BudgetOptions:
         Seed of the trials. Example: --seed 1.
     """
 
-    level: Annotated[float, Parameter(validator=Number(gte=0.5, lt=1))] = 0.95
-    monte_carlo: Annotated[int, Parameter(validator=Number(gte=0, lte=1_000_000))] = 0
+    level: Annotated[float, within(gte=0.5, lt=1)] = 0.95
+    monte_carlo: Annotated[int, within(gte=0, lte=1_000_000)] = 0
     seed: Seed = 0
 
 

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
 from tumblecal.cli.command import warn
-from tumblecal.cli.options import options
+from tumblecal.cli.options import options, within
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
 
@@ -36,7 +35,7 @@ class OperatorOptions:
         --resume run1 --trust-instrument.
     """
 
-    wait: Annotated[float, Parameter(validator=Number(gte=0, lte=86400))] = 30.0
+    wait: Annotated[float, within(gte=0, lte=86400)] = 30.0
     estimate: Annotated[bool, Parameter(negative="--no-estimate")] = True
     plain: bool = False
     yes: bool = False

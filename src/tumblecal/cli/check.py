@@ -4,11 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
-from cyclopts.validators import Number
-
 from tumblecal.cli.command import Command, results, warn
-from tumblecal.cli.options import Context, Priors, Recording, Rest, ResultOptions, RigFile, Texts, options
+from tumblecal.cli.options import Context, Priors, Recording, Rest, ResultOptions, RigFile, Texts, options, within
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
@@ -52,7 +49,7 @@ class ConditionOptions:
     rig: RigFile = None
     prior: Priors = ()
     repeatability: Texts = ()
-    u_gravity: Annotated[float | None, Parameter(validator=Number(gte=0, lt=0.1))] = None
+    u_gravity: Annotated[float | None, within(gte=0, lt=0.1)] = None
     largest_error: str = ""
     other_unit: bool = False
     extrapolate: bool = False
@@ -80,7 +77,7 @@ class UpdateOptions:
     update: Path | None = None
     free: Texts = ()
     drift: Texts = ()
-    months: Annotated[float | None, Parameter(validator=Number(gte=0, lt=1200))] = None
+    months: Annotated[float | None, within(gte=0, lt=1200)] = None
 
 
 def check(
@@ -126,8 +123,7 @@ def check(
     from tumblecal.data.sensor_parameters import UNITS
     from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.gravity import gravity_of_option
-    from tumblecal.ground.option_texts import faults_of, sizes
-    from tumblecal.ground.units import reading_sd
+    from tumblecal.ground.option_texts import sd_of_reading, sizes
     from tumblecal.history.database import of_unit
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.report.check_files import write_check
@@ -135,7 +131,7 @@ def check(
     from tumblecal.report.check_verdict import verdict_of_check
     from tumblecal.report.verdict import verdict_lines
 
-    require_calibration_and_recording("check", calibration, recording)
+    require_calibration_and_recording(calibration, recording)
     read, update = read_checked(calibration), updating.update
     read.use.require(calibration, anyway=test.use_anyway)
     files = recording_files(recording, [context.table, context.plan])
@@ -145,28 +141,26 @@ def check(
         writable_file(update)
     elif updating.free or updating.drift:
         raise InputError(f"--{'free' if updating.free else 'drift'} is for an update; give --update updated.json")
-    with faults_of("--noise-sd"):
-        noise_sd = reading_sd(test.noise_sd) if test.noise_sd else None
-    with faults_of("--largest-error"):
-        largest_g = reading_sd(test.largest_error) if test.largest_error else None
-    again = sizes("--repeatability", test.repeatability, UNITS.__getitem__, "'bias=0.3 mg'", known=UNITS, zero=True)
+    noise_sd, largest_g = (
+        sd_of_reading("--noise-sd", test.noise_sd),
+        sd_of_reading("--largest-error", test.largest_error),
+    )
+    again = sizes("--repeatability", test.repeatability, UNITS, "'bias=0.3 mg'", zero=True)
     drifts = [text.replace(" ", "").removesuffix("/month") for text in updating.drift]
-    rates = sizes("--drift", drifts, UNITS.__getitem__, "'bias=0.1 mg/month'", known=UNITS, zero=True)
+    rates = sizes("--drift", drifts, UNITS, "'bias=0.1 mg/month'", zero=True)
     more.ready()
     made, refused = None, None
     with results(out, _SET, inputs) as aside:
         with command.working("reading"):
             found = still_attitudes(files, context, replace(options, gravity=""), criterion)
-        _print(command, found)
+        command.print_recordings(found.dwells.read, found.dwells.warnings, _interval_lines(found))
         source, serial = provenance(found, calibration), found.data.serial_number or read.serial_number
         read.require_unit(calibration, found.data.source, serial, other=test.other_unit)
         local = gravity_of_option(options.gravity) if options.gravity else None
         gravity, data = local_size(read, found.data, local, test.u_gravity, str(calibration))
-        for record in source["recording"]:
-            if record["sha256"] is not None and record["sha256"] == read.provenance.get("sha256"):
-                raise InputError(
-                    f"{record['file']}: {calibration} was made from this file; check it with a new recording"
-                )
+        digests = {record["sha256"]: record["file"] for record in source["recording"]}
+        if used := digests.get(read.provenance.get("sha256", "")):
+            raise InputError(f"{used}: {calibration} was made from this file; check it with a new recording")
         with command.working("testing"):
             result = checked(
                 read,
@@ -194,27 +188,20 @@ def check(
         write_calibration(update, made[0].calibration)
     more.in_history(out, "check", serial)
     command.say(*verdict_lines(verdict, command.columns))
-    command.warn(data.source, [f"use: {result.use.words}"] if result.use.refused else [])
-    code = command.end(out, _SET, "check.json", result.use, f"; {update}" if made else "")
+    code = command.end(out, _SET, "check.json", result.use, data.source, f"; {update}" if made else "")
     if refused is not None:
         raise refused
     return code
 
 
-def _print(command: Command, found: "Reduction") -> None:
-    """Print layout, guesses and warnings of the recording."""
-    from tumblecal.report.recording_words import interval_words, layouts_words, left_out_words
+def _interval_lines(found: "Reduction") -> list[str]:
+    """How the attitudes were found: the number of intervals at rest, and those that were rejected."""
+    from tumblecal.report.recording_words import interval_words
 
-    dwells = found.dwells
-    lines = [*dwells.lines, *(layouts_words(dwells.read) if dwells.read else ())]
-    if dwells.stillness is not None:
-        first, *others = interval_words(dwells.stillness)
-        lines += [first, *(line for line in others if line.startswith(_OF_INTERVALS))]
-    command.say(*lines)
-    for recording in dwells.read:
-        command.warn(recording.path, left_out_words(recording))
-    for source, warnings in dwells.warnings:
-        warn(source, warnings)
+    if found.dwells.stillness is None:
+        return [*found.dwells.lines]
+    first, *others = interval_words(found.dwells.stillness)
+    return [*found.dwells.lines, first, *(line for line in others if line.startswith(_OF_INTERVALS))]
 
 
 def _model(test: ConditionOptions, hand_held: bool, source: str) -> "Model":
@@ -223,11 +210,11 @@ def _model(test: ConditionOptions, hand_held: bool, source: str) -> "Model":
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.cli.options import ModelOptions
 
-    if hand_held:
-        if test.rig or test.prior:
-            option = "--rig" if test.rig else "--prior"
-            raise InputError(f"{option}: the angles of {source} are unknown; omit it, or give angles (--plan, --table)")
+    if not (test.rig or test.prior):
         return Model()
+    if hand_held:
+        option = "--rig" if test.rig else "--prior"
+        raise InputError(f"{option}: the angles of {source} are unknown; omit it, or give angles (--plan, --table)")
     model = StatedModel.of(ModelOptions(rig=test.rig, prior=test.prior))
     if model.rig is not None and (unused := model.rig.tables_of_head):
         warn(model.rig.source, [f"not used by `check`: {', '.join(unused)}"])

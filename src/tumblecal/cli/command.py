@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.interrupts import interrupted
+from tumblecal.cli.interrupts import interrupted_by
 from tumblecal.cli.options import Quiet, options
 from tumblecal.ground.errors import InputError, SupplementWarning, one_line
 from tumblecal.ground.plain_text import plain
@@ -20,6 +20,7 @@ from tumblecal.ground.plain_text import plain
 
 if TYPE_CHECKING:
     from tumblecal.data.calibration_use import Use
+    from tumblecal.recordings.recording import Recording
 
 
 # Exit code for a result that must not be used; its files are written.
@@ -41,7 +42,7 @@ def warn_in_one_line() -> None:
 def _words(message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None) -> str:
     if not issubclass(category, SupplementWarning):
         return _OTHERS(message, category, filename, lineno, line)
-    if interrupted():  # compiled modules convert the exception of a signal into other errors
+    if interrupted_by():  # compiled modules convert the exception of a signal into other errors
         raise KeyboardInterrupt
     return f"WARNING: {message}\n"
 
@@ -134,7 +135,7 @@ class Command:
 
     def say(self, *paragraphs: str) -> None:
         """Print words, unless JSON or silence is asked for; folded on a terminal, otherwise one line for each paragraph."""
-        text = plain("\n".join(filter(None, paragraphs)))
+        text = plain("\n".join(paragraphs))
         if self.words and text:
             if self._on_terminal:
                 from tumblecal.report.narrow import folded
@@ -147,23 +148,46 @@ class Command:
         if not self.words:
             warn(source, lines)
 
+    def print_recordings(
+        self, read: "Sequence[Recording]", warnings: Iterable[tuple[str, Iterable[str]]], lines: Iterable[str]
+    ) -> None:
+        """Print layout and guesses of recordings, warnings by file, and lines on their intervals at rest."""
+        from tumblecal.report.recording_words import layouts_words, left_out_words
+
+        self.say(*(layouts_words(read) if read else ()), *lines)
+        for recording in read:
+            self.warn(recording.path, left_out_words(recording))
+        for source, of_source in warnings:
+            warn(source, of_source)
+
     def record(self, document: Path) -> None:
         """Print a written document on one line, if JSON is asked for."""
         if self.json:
             print(json.dumps(json.loads(document.read_text(encoding="utf-8"))), flush=True)
 
-    def end(self, out: Path, names: Sequence[str], document: str, use: "Use | None" = None, more: str = "") -> int:
+    def end(
+        self,
+        out: Path,
+        names: Sequence[str],
+        document: str,
+        use: "Use | None" = None,
+        source: object = "",
+        more: str = "",
+    ) -> int:
         """Print the names of the written files, or the document as JSON.
 
         **Arguments:**
 
-        - `out`, `names`: as of `results`. `use`: of the result. `more`: words after the names.
+        - `out`, `names`: as of `results`. `use`: of the result, made of `source`. `more`: words after the names.
 
         **Returns:** the exit code.
         """
         self.say(names_written(out, names) + more)
         self.record(out / document)
-        return NOT_USABLE if use is not None and use.refused else 0
+        if use is None or not use.refused:
+            return 0
+        self.warn(source, [f"use: {use.words}"])
+        return NOT_USABLE
 
     @contextmanager
     def working(self, words: str) -> Iterator[None]:

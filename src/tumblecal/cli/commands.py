@@ -3,15 +3,14 @@
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
-from pathlib import Path
+from contextlib import nullcontext, redirect_stdout, suppress
+from io import StringIO
 
 from cyclopts import App, CycloptsError, Parameter, ValidationError
 
 from tumblecal import __version__
 from tumblecal.cli.command import warn_in_one_line
-from tumblecal.cli.interrupts import NOTHING_HALF_WRITTEN, interrupted, interrupted_by, line_of
+from tumblecal.cli.interrupts import NOTHING_HALF_WRITTEN, interrupted_by, line_of
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.plain_text import first_control
 from tumblecal.ground.unwritable import FULL
@@ -73,24 +72,15 @@ def run() -> int:
     warn_in_one_line()
     try:
         words = _words(sys.argv[1:])
-        with _printed_to(words):
+        quiet = {"-q", "--quiet"} & {*words} and not {"-h", "--help"} & {*words}
+        with redirect_stdout(StringIO()) if quiet else nullcontext():  # warnings and errors go to stderr
             code = app(words, print_error=False, exit_on_error=False)
             sys.stdout.flush()
     except KeyboardInterrupt as error:
         return _interrupted(str(error))
     except Exception as error:
-        return _interrupted() if interrupted() else _failed(error)
+        return _interrupted() if interrupted_by() else _failed(error)
     return code if isinstance(code, int) else 0
-
-
-@contextmanager
-def _printed_to(words: list[str]) -> Iterator[None]:
-    """Discard stdout with --quiet. Warnings and errors go to stderr."""
-    if not {"-q", "--quiet"} & {*words} or {"-h", "--help"} & {*words}:
-        yield
-        return
-    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
-        yield
 
 
 def _failed(error: Exception) -> int:

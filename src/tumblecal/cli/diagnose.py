@@ -4,19 +4,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
-from cyclopts.validators import Number
-
 from tumblecal.cli.command import Command
 from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET, Batch
-from tumblecal.cli.options import Count, ModelOptions, NextPositions, ResultOptions, options
+from tumblecal.cli.options import Count, ModelOptions, NextPositions, ResultOptions, options, within
 from tumblecal.cli.position_files import ONE_MOUNTING, JoinOptions, Outcome, PositionFiles
 from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
     from tumblecal.cli.position_files import Read
-    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 
 # Files for all units together.
@@ -52,24 +48,7 @@ class InputOptions:
     units: bool = False
     holdout: str | None = None
     workers: Count | None = None
-    max_rows: Annotated[int | None, Parameter(validator=Number(gte=3))] = None
-
-    def raw(self, model: ModelOptions, *, alone: bool) -> "DwellSamples | None":
-        """The raw samples; None if not given. `alone`: whether all files are one measurement.
-
-        **Raises:** `InputError` if they cannot be samples of the data, or if the noise is also stated.
-        """
-        if self.samples is None:
-            return None
-        if model.noise_sd is not None:
-            raise InputError("--samples and --noise-sd both state the noise; give only one of these options")
-        if not alone:
-            raise InputError(
-                f"--samples {self.samples}: samples of one position file, but several are given; diagnose each file separately"
-            )
-        from tumblecal.recordings.dwells.position_samples import read_position_samples
-
-        return read_position_samples(self.samples)
+    max_rows: Annotated[int | None, within(gte=3)] = None
 
 
 def diagnose(
@@ -99,6 +78,7 @@ def diagnose(
     from tumblecal.data.overwriting import DIAGNOSIS
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.option_texts import pairs
+    from tumblecal.recordings.dwells.position_samples import read_position_samples
     from tumblecal.report.summary import DIAGNOSED
 
     files = PositionFiles(command, joining, more, data, out)
@@ -109,7 +89,11 @@ def diagnose(
     if inputs.units and len(data) < 2:
         raise InputError("--units: only one file; give the files of at least two units to find their common errors")
     held_out = next(iter(pairs("--holdout", [inputs.holdout or ""], "run=3").items()), None)
-    raw = inputs.raw(model, alone=files.single)
+    if inputs.samples is not None and model.noise_sd is not None:
+        raise InputError("--samples and --noise-sd both state the noise; give only one of these options")
+    if inputs.samples is not None and not files.single:
+        raise InputError("--samples is for one position file, but several are given; diagnose each file separately")
+    raw = None if inputs.samples is None else read_position_samples(inputs.samples)
     batch = Batch(model, held_out, raw, following.allowed(), files.single, more, inputs.max_rows, command)
     names = (*DIAGNOSIS_SET, *_UNITS_SET)
     read = files.read(batch.model, model, DIAGNOSIS, names, inputs.samples, together=inputs.units, check_size=False)

@@ -146,23 +146,21 @@ class Batch:
         except (InputError, MemoryError, LinAlgError) as error:
             fault = error if isinstance(error, InputError) else _unfinished(read, error)
             return Outcome(diagnosis_row(file, fault), fault.faults, f"{file}: rejected")
-        unusual = model.with_sources(diagnosis.implausible, diagnosis.extended.problem)
-        diagnosis = replace(diagnosis, implausible=unusual)
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         verdict = verdict_of_diagnosis(diagnosis, plan, folder)
-        figures, head_record = (
-            self.single if self.more.figures is None else self.more.figures,
-            model.of_head(diagnosis.problem),
-        )
+        figures, head_record = self.more.figures, model.of_head(diagnosis.problem)
         with result_set(folder, DIAGNOSIS_SET) as aside:
-            write_diagnosis(aside, diagnosis, plan, figures=figures, said=head_record, verdict=verdict)
+            drawn = self.single if figures is None else figures
+            write_diagnosis(aside, diagnosis, plan, figures=drawn, said=head_record, verdict=verdict)
         self.more.in_history(folder, "diagnosis", diagnosis.data.serial_number)
         self.command.warn(diagnosis.data.source, warning_words(diagnosis))
-        lines = [*verdict_lines(verdict, self.command.columns), self.note if diagnosis.verdict != "adequate" else ""]
-        lacking = lacking_of_diagnosis(diagnosis, of_sensor=True)
-        words = [f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *lacking]
-        show = partial(self.command.say, *lines) if self.single else None
-        return Outcome(diagnosis_row(file, diagnosis), (), "; ".join(words), show)
+        row, found = diagnosis_row(file, diagnosis), ", ".join(diagnosis.labels) or "nothing found"
+        words = [f"{file}: {diagnosis.verdict}", found, *lacking_of_diagnosis(diagnosis, of_sensor=True)]
+        if not self.single:
+            return Outcome(row, words="; ".join(words))
+        note = [self.note] if self.note and diagnosis.verdict != "adequate" else []
+        lines = [*verdict_lines(verdict, self.command.columns), *note]
+        return Outcome(row, show=partial(self.command.say, *lines))
 
 
 def _unfinished(read: "Read", error: Exception) -> InputError:

@@ -119,7 +119,7 @@ def _limits(criteria: Criteria) -> dict[str, float]:
     from tumblecal.history.repeatability import PAPER_LIMITS
 
     units = {leaf: unit for leaf, (_, unit) in GROUPS.items()}
-    return {**PAPER_LIMITS, **sizes("--limit", criteria.limit, units.__getitem__, "'bias=1 mg'", known=units)}
+    return {**PAPER_LIMITS, **sizes("--limit", criteria.limit, units, "'bias=1 mg'")}
 
 
 def _check(database: Path) -> int:
@@ -127,17 +127,11 @@ def _check(database: Path) -> int:
     from tumblecal.history.database import checked
 
     entries, faults = checked(database)
-    damaged = [entry for entry in entries if entry.damaged]
-    for words in (*(f"{_of(entry)}: damaged: {entry.damaged}" for entry in damaged), *(f"SQLite: {f}" for f in faults)):
-        print(words)
-    if not damaged and not faults:
-        print(f"{database}: {counted(len(entries), 'result')}, none damaged")
-        return 0
-    print(
-        f"{database}: {len(damaged)} of {counted(len(entries), 'result')} damaged, {counted(len(faults), 'fault')} of the file "
-        "itself; restore it from a copy"
-    )
-    return 1
+    found = [f"{_of(entry)}: damaged: {entry.damaged}" for entry in entries if entry.damaged]
+    found += [f"SQLite: {fault}" for fault in faults]
+    outcome = f"{counted(len(found), 'fault')}; restore it from a copy" if found else "none damaged"
+    print("\n".join([*found, f"{database}: {counted(len(entries), 'result')}, {outcome}"]))
+    return 1 if found else 0
 
 
 def _of(entry: "Entry") -> str:
@@ -209,13 +203,12 @@ def _list(database: Path, entries: "Sequence[Entry]") -> None:
     print(listed(entries))
     serials = [entry.serial for entry in entries if not entry.damaged]
     units, nameless = {*serials} - {""}, serials.count("")
-    count = f"{counted(len(serials) - nameless, 'result')} of {counted(len(units), 'unit')}"
-    if nameless:
-        unnamed = (
+    count = [f"{counted(len(serials) - nameless, 'result')} of {counted(len(units), 'unit')}"] if units else []
+    if nameless or not units:
+        count.append(
             f"{counted(nameless, 'result')} without a serial number (no unit; state `# serial_number:` in the data)"
         )
-        count = f"{count}; {unnamed}" if units else unnamed
-    print(f"{count}; one unit: {suggested('history', database, 'SERIAL')}")
+    print(f"{'; '.join(count)}; one unit: {suggested('history', database, 'SERIAL')}")
 
 
 def _evaluate(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tumblecal.chain import Chain
 from tumblecal.chain.following import CHANGE
 from tumblecal.chain.head_ability import HeadAbility
@@ -21,7 +19,6 @@ from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.position_comments import ATTITUDES, BY_HEAD
 from tumblecal.data.repeats import copied_positions
 from tumblecal.data.same_files import given_once
-from tumblecal.data.sensor_parameters import leaf_of
 from tumblecal.data.table import KNOWN, READINGS, likely_meant
 from tumblecal.effects.catalogue import (
     Catalogue,
@@ -33,17 +30,15 @@ from tumblecal.effects.catalogue import (
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.methods import Calibrated, all_methods, checked
 from tumblecal.estimation.planned_positions import compared_with_plan, is_designed
-from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
-from tumblecal.ground.option_texts import faults_of, pairs, sizes
+from tumblecal.ground.option_texts import pairs, sd_of_reading, sizes
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.toml_faults import located
-from tumblecal.ground.units import reading_sd
 
 
 _log = logging.getLogger(__name__)
@@ -52,23 +47,9 @@ _MOST_COPIES = 3
 _LIKE_SAMPLES = 16
 
 
-def started_from_amplitudes(chain: Chain) -> Chain:
-    """The chain with amplitudes of typical size as a start for time constants, which have no influence at amplitude zero."""
-    starts = dict[str, float]()
-    for link in chain.links:
-        leaves = Chain((link,)).free
-        if any(leaf.unit == "s" for leaf in leaves):
-            zero = [leaf for leaf in leaves if leaf.unit != "s" and not np.any(leaf.value)]
-            starts |= {name: leaf.scale for leaf in zero for name in leaf.names}
-    return chain.named(starts) if starts else chain
-
-
 @dataclass(frozen=True)
 class StatedModel:
-    """Model of `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns`, `--effects` and `--attitudes`.
-
-    `stated_in`: the option or file that states each prior.
-    """
+    """Model of `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns`, `--effects` and `--attitudes`."""
 
     rig: Rig | None = None
     noise_sd: float | None = None
@@ -78,7 +59,6 @@ class StatedModel:
     entries: Catalogue = field(default_factory=catalogue)
     gravity: Gravity | None = None
     columns: Mapping[str, str] | None = None
-    stated_in: Mapping[str, str] = field(default_factory=dict)
     attitudes: str | None = None
 
     @property
@@ -105,27 +85,23 @@ class StatedModel:
         known = [*UNIT_OF_LEAF, *(leaf + CHANGE for leaf in (rig.temperature.leaves if rig else ()))]
         if unknown := sorted({*options.fix} - {*known}):
             raise InputError(f"--fix {unknown[0]}: no such parameter; parameters: {', '.join(known)}")
-        with faults_of("--noise-sd"):
-            noise_sd = reading_sd(options.noise_sd) if options.noise_sd else rig.noise_sd_g if rig else None
+        noise_sd = sd_of_reading("--noise-sd", options.noise_sd) or (rig.noise_sd_g if rig else None)
         if rig and noise_sd == 0:
             fault = (
                 f"{rig.source}: noise.sd: readings without noise cannot be weighted; write their standard deviation, remove "
                 "[noise] to estimate it from the residuals, or give --noise-sd"
             )
             raise InputError(located(Path(rig.source), [fault]))
-        of_rig = rig.priors if rig else {}
         columns = pairs("--columns", options.columns or "", "ax_g=AccX,ay_g=AccY,az_g=AccZ")
         return cls(
             rig=rig,
             noise_sd=noise_sd,
-            priors={**of_rig, **{name: (0.0, size) for name, size in given.items()}},
+            priors={**(rig.priors if rig else {}), **{name: (0.0, size) for name, size in given.items()}},
             fixed=frozenset(options.fix),
             head=None if options.head is None else read_head(options.head, *links_and_units(entries)),
             entries=entries,
             gravity=None if options.gravity is None else gravity_of_option(options.gravity),
             columns=columns or None,
-            stated_in={name: f"{rig.source} (priors.{name})" for name in of_rig if rig}
-            | {name: f"--prior {name}" for name in given},
             attitudes=options.attitudes,
         )
 
@@ -200,8 +176,7 @@ class StatedModel:
         chain = self.chain(data, known=self.known(data)) if self.rig else None
         data, setup_errors = checked(data, chain, self.entries)
         made = all_methods(self.problem(data), usual=self.usual, by_columns=self.noise_sd is None)
-        unusual = self.with_sources(made.implausible, made.exact.problem)
-        return replace(made, setup_errors=tuple(setup_errors), implausible=unusual, entries=self.entries)
+        return replace(made, setup_errors=tuple(setup_errors), entries=self.entries)
 
     def problem(self, data: PositionSet) -> Problem:
         """The fit of the stated chain to these data."""
@@ -246,7 +221,7 @@ class StatedModel:
                     f"{self.rig.source if self.rig else data.source}: chain.effects: {effect.id} can be simulated but not "
                     f"fitted: {effect.not_held}. tumblecal diagnose finds it as: {effect.found_as}. Remove it from the rig"
                 )
-        chain = started_from_amplitudes(chain)
+        chain = chain.started()
         if self.head is None:
             return chain
         return self.head.extended(chain, where, lambda id, at: first_link(self.entries[id], at), known=known)
@@ -257,22 +232,6 @@ class StatedModel:
         if known and self.rig is not None and self.rig.ability is not None:
             stated = with_repeatability(stated, self.rig.ability.repeatability, chain, where)
         return {**stated, **self.head.priors(chain, where)} if self.head and known else stated
-
-    def with_sources(self, listed: Sequence[Implausible], problem: Problem) -> tuple[Implausible, ...]:
-        """Implausible parameters of a fit to this problem; if they contradict a statement, with its option or file."""
-        of_head = self.head.priors(problem.chain, problem.where) if self.head and listed else {}
-        by_head = {name for names in of_head for name in names}
-
-        def source(name: str) -> str:
-            stated = [self.stated_in[key] for key in (name, leaf_of(name)) if key in self.stated_in][:1]
-            return " and ".join([*stated, *([f"--head {self.head.source}"] if self.head and name in by_head else [])])
-
-        return tuple(
-            [
-                unusual if unusual.stated is None else replace(unusual, stated_in=source(unusual.parameter))
-                for unusual in listed
-            ]
-        )
 
     def of_head(self, problem: Problem) -> dict[str, Any]:
         """The measured errors of the head, for the provenance of a fit to this problem."""

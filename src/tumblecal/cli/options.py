@@ -1,5 +1,6 @@
 """Options that several commands share: one declaration and one text each, so that every --help has the same words."""
 
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +29,17 @@ def options(declared: type[Declared]) -> type[Declared]:
     return Parameter(name="*")(dataclass(frozen=True)(declared))
 
 
+def within(**limits: float) -> Parameter:
+    """The limits of a number: gt, gte, lt, lte."""
+    return Parameter(validator=Number(**limits))
+
+
 Texts = Annotated[tuple[str, ...], Parameter(show_default=False)]
 Files = Annotated[tuple[Path, ...], Parameter(show_default=False)]
-Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=LARGEST_SEED))]
-Count = Annotated[int, Parameter(validator=Number(gte=1))]
-Positive = Annotated[float, Parameter(validator=Number(gt=0, lt=float("inf")))]
-Probability = Annotated[float, Parameter(validator=Number(gt=0, lt=1))]
+Seed = Annotated[int, within(gte=0, lte=LARGEST_SEED)]
+Count = Annotated[int, within(gte=1)]
+Positive = Annotated[float, within(gt=0, lt=math.inf)]
+Probability = Annotated[float, within(gt=0, lt=1)]
 Recording = Annotated[RecordingOptions, Parameter(name="*")]
 Context = Annotated[KnownContext, Parameter(name="*")]
 Rest = Annotated[Criterion, Parameter(name="*")]

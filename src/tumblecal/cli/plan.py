@@ -14,7 +14,6 @@ from tumblecal.ground.option_texts import angles, numbers, pairs, sizes
 
 if TYPE_CHECKING:
     from tumblecal.chain.rig import Rig
-    from tumblecal.design.common_plans import Positions
     from tumblecal.design.wanted import Wanted
     from tumblecal.effects.catalogue import Catalogue
 
@@ -134,13 +133,14 @@ def _allowed(rig: "Rig", options: PlanOptions) -> "Rig":
     **Raises:** `InputError` for a mounting that the rig does not have.
     """
     from tumblecal.chain.head_ability import HeadAbilityTable
+    from tumblecal.design.positions_of_file import require_mounts
 
     there = rig.plan
     ability = rig.ability or HeadAbilityTable.model_validate({}).ability(
         tuple(sorted({*there.beta_deg})), tuple(dict.fromkeys(there.mounts))
     )
     mounts = tuple(label.strip() for label in options.allow_mount.split(",") if label.strip())
-    _require_mounts(rig, mounts or ability.mounts, f"{rig.source}: {'--allow-mount' if mounts else 'head.mounts'}")
+    require_mounts(rig, mounts or ability.mounts, f"{rig.source}: {'--allow-mount' if mounts else 'head.mounts'}")
     alpha, beta = angles("--allow-alpha", options.allow_alpha), angles("--allow-beta", options.allow_beta)
     if steep := [angle for angle in beta if abs(angle) > 90]:
         raise InputError(f"--allow-beta: {steep[0]:g} deg; pitch settings are from -90 to 90 deg")
@@ -150,24 +150,12 @@ def _allowed(rig: "Rig", options: PlanOptions) -> "Rig":
     return replace(rig, ability=replace(ability, **given, assumed=assumed))
 
 
-def _require_mounts(rig: "Rig", labels: tuple[str, ...], named: str) -> None:
-    """Check that a rig has these mountings.
-
-    **Raises:** `InputError`, with `named` first.
-    """
-    known = sorted({*rig.mounts, *rig.plan.mounts})
-    if unknown := [label for label in labels if label not in known]:
-        raise InputError(
-            f"{named}: mounting {unknown[0]!r} is not in {rig.source} (mountings: {', '.join(known)}); rename it, or add "
-            f"[mounts.{unknown[0]}] with its rotation_deg"
-        )
-
-
 def _wanted(rig: "Rig", options: PlanOptions, entries: "Catalogue") -> "Wanted":
     """The options as a request.
 
     **Raises:** `InputError` for an option that cannot be read, and options that contradict each other.
     """
+    from tumblecal.design.positions_of_file import positions_of
     from tumblecal.design.wanted import CRITERIA, Wanted
     from tumblecal.effects.catalogue import entry
 
@@ -194,38 +182,7 @@ def _wanted(rig: "Rig", options: PlanOptions, entries: "Catalogue") -> "Wanted":
         order=options.order,
         restarts=options.restarts,
         seed=options.seed,
-        measured=None if options.augment is None else _positions(options.augment, rig),
-        compared=tuple(_positions(path, rig) for path in options.compare),
+        measured=None if options.augment is None else positions_of(options.augment, rig),
+        compared=tuple(positions_of(path, rig) for path in options.compare),
         forecast=options.forecast,
     )
-
-
-def _positions(path: Path, rig: "Rig") -> "Positions":
-    """The positions of a plan of capture, a rig or a position file.
-
-    **Raises:** `InputError` for a file of none of these kinds, or with a mounting that the rig does not have.
-    """
-    from tumblecal.capture.capture_plan import read_plan
-    from tumblecal.chain.rig_file import PlanTable
-    from tumblecal.data import read_positions
-    from tumblecal.design.common_plans import Positions
-    from tumblecal.ground.strict_toml import checked, read_toml
-
-    mount = (rig.ability.mounts if rig.ability else ("1",))[0]
-    if path.suffix != ".toml":
-        data = read_positions(path)
-        if data.hand_held:
-            raise InputError(f"{path}: unknown attitudes; a plan needs alpha_deg and beta_deg")
-        rows = zip(data.alpha_deg.tolist(), data.beta_deg.tolist(), data.mount or (mount,) * len(data), strict=True)
-        degc = data.temperature_degc
-    elif "plan" in (content := read_toml(path)):
-        planned = checked(path, content["plan"], PlanTable).plan()
-        rows, degc = zip(planned.alpha_deg, planned.beta_deg, planned.mounts, strict=True), planned.temperature_degc
-    else:
-        captured = read_plan(path)
-        rows = ((step.alpha_deg, step.beta_deg, captured.session.mount) for step in captured.steps)
-        degc = [step.temperature_degc for step in captured.steps] if captured.over_temperature else None
-    alpha, beta, mounts = zip(*rows, strict=True)
-    _require_mounts(rig, mounts, str(path))
-    stated = None if degc is None else tuple(map(float, degc))
-    return Positions(path.name, "", (*map(float, alpha),), (*map(float, beta),), mounts, temperature_degc=stated)

@@ -1,7 +1,6 @@
 """The position files of one call of calibrate or diagnose: read, joined if asked for, and their outcomes one after another."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -72,10 +71,8 @@ class JoinOptions:
             return whole, words  # each file has its own mounting, or all are those of a designed plan
         if whole.run is None:
             return whole, [f"Assumed: one run for all {len(parts)} files.", *words]
-        runs = dict.fromkeys(whole.run)
-        of_each_file = len(runs) == len(parts) and all(len({*(part.run or ())}) == 1 for part in parts)
-        source = "one for each file (--same-run joins them)" if of_each_file else "from the columns run"
-        return whole, [f"Runs: {', '.join(runs)}: {source}.", *words]
+        runs = ", ".join(dict.fromkeys(whole.run))
+        return whole, [f"Runs: {runs}. With --same-run, all files without a column run are one run.", *words]
 
 
 class Outcome(NamedTuple):
@@ -95,15 +92,16 @@ class PositionFiles:
     """
 
     def __init__(self, command: Command, joining: JoinOptions, more: ResultOptions, files: list[Path], out: Path):
+        from tumblecal.data.joined import unused
+
         if (joining.same_run or joining.pause) and not joining.join:
             raise InputError(f"--{'same-run' if joining.same_run else 'pause'} is for joined files only; add --join")
         self.command, self.joining, self.more, self.out = command, joining, more, out
         self.single = joining.join or len(files) == 1
         self.given, self.files = files, files[:1] if joining.join else files
         names = list[str]()
-        for stem in (path.stem for path in self.files):
-            numbered = (f"{stem}-{number}" for number in range(2, len(files) + 2))
-            names.append(next(name for name in (stem, *numbered) if name not in names))
+        for path in self.files:
+            names.append(unused(path.stem, names, "-"))
         self.folders = [out] if self.single else [out / name for name in names]
 
     def read(
@@ -161,39 +159,34 @@ class PositionFiles:
 
         **Raises:** `InputError` with the faults of all files.
         """
-        refused, faults, count = False, list[str](), len(self.files)
-        with self.summary(columns) as rows:
+        from tumblecal.ground.result_set import remove_results
+        from tumblecal.report.summary import write_summary
+
+        rows, faults, refused, count = list[dict[str, Any]](), list[str](), False, len(self.files)
+        if not self.single:
+            remove_results(self.out, (SUMMARY,))  # it describes the results before the first one is replaced
+        try:
             for number, (file, folder) in enumerate(zip(self.files, self.folders, strict=True), start=1):
-                with self.command.working(f"{doing} {file}{f' ({number} of {count})' if count > 1 else ''}"):
+                place = "" if self.single else f"{number} of {count}"
+                with self.command.working(f"{doing} {file} {place}"):
                     outcome = next(outcomes)
                 rows.append(outcome.row)
                 faults += outcome.faults
                 refused |= outcome.refused
                 if not self.single:
-                    self.command.say(f"{number} of {count}  {outcome.words}")
+                    self.command.say(f"{place}  {outcome.words}")
                 elif outcome.show is not None:
                     outcome.show()
                     self.command.say(names_written(folder, names))
                 if document and not outcome.faults:
                     self.command.record(folder / document)
+        finally:
+            # The summary of an interrupted command has the rows of the finished files.
+            if not self.single:
+                write_summary(self.out / SUMMARY, rows, columns)
+        if not self.single:
+            self.command.say(f"written: {self.out}/: {SUMMARY}, a folder for each file")
         last(rows)
         if faults:
             raise InputError(faults)
         return NOT_USABLE if refused else 0
-
-    @contextmanager
-    def summary(self, columns: Sequence[str]) -> Iterator[list[dict[str, Any]]]:
-        """The rows of the summary of several files; that of an interrupted command has the rows of the finished files."""
-        rows = list[dict[str, Any]]()
-        if self.single:
-            yield rows
-            return
-        from tumblecal.ground.result_set import remove_results
-        from tumblecal.report.summary import write_summary
-
-        remove_results(self.out, (SUMMARY,))  # it describes the results before the first one is replaced
-        try:
-            yield rows
-        finally:
-            write_summary(self.out / SUMMARY, rows, columns)
-        self.command.say(f"written: {self.out}/: {SUMMARY}, a folder for each file")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tumblecal.cli.command import results
+from tumblecal.cli.command import Command, results
 from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
 from tumblecal.cli.options import Seed
 
@@ -24,11 +24,9 @@ def reproduce(*, out: Path = Path("study"), seed: Seed = 0) -> None:
     seed
         Seed of the simulated noise. Example: --seed 1.
     """
-    from tumblecal.cli.start import start
-
-    start()
+    command = Command()
+    command.begin()
     from rich.console import Console
-    from rich.status import Status
 
     from tumblecal.data import paper
     from tumblecal.diagnosis import Diagnoser
@@ -46,15 +44,15 @@ def reproduce(*, out: Path = Path("study"), seed: Seed = 0) -> None:
 
     console = Console()
     with results(out, _SET) as aside:
-        with Status("simulating and estimating 600 data sets", console=console):
+        with command.working("simulating and estimating 600 data sets"):
             study = paper_study(seed)
-        with Status("calibrating Table 1", console=console):
+        with command.working("calibrating Table 1"):
             table1 = all_methods(problem_of(paper.table1()))
             audited = audit(table1.exact)
-        with Status("diagnosing Table 1", console=console):
+        with command.working("diagnosing Table 1"):
             diagnosis = Diagnoser()(paper.table1())
             plan = next_plan(diagnosis)
-        with Status("drawing", console=console):
+        with command.working("drawing"):
             words = write_paper_study(aside, study, audited, table1, diagnosis, plan)
             verdict = verdict_of_diagnosis(diagnosis, plan, out / _DIAGNOSIS)
             write_diagnosis(aside / _DIAGNOSIS, diagnosis, plan, figures=True, verdict=verdict)

@@ -45,15 +45,13 @@ def simulate(
     from tumblecal.data import write_positions
     from tumblecal.effects import catalogue
     from tumblecal.effects.catalogue import read_rig_with_effects
-    from tumblecal.ground.option_texts import faults_of
-    from tumblecal.ground.units import reading_sd
+    from tumblecal.ground.option_texts import sd_of_reading
     from tumblecal.simulation.next_measurement import simulated_after
     from tumblecal.simulation.position_means import simulated
 
     table_file(out, [config, *effects, then])
     rig = read_rig_with_effects(config, catalogue(*effects))
-    with faults_of("--noise-sd"):
-        stated = None if noise_sd is None else reading_sd(noise_sd, none=True)
+    stated = sd_of_reading("--noise-sd", noise_sd, zero=True)
     data = simulated(rig, seed, stated) if then is None else simulated_after(rig, read_plan(then), then, seed, stated)
     if serial_number:
         data = replace(data, comments=data.comments | {"serial_number": one_line(serial_number)})

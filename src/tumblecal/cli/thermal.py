@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.cli.command import Command, results, warn
+from tumblecal.cli.command import Command, results
 from tumblecal.cli.options import Context, NoiseSd, Positive, Recording, Rest, Texts, options
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
@@ -103,19 +103,16 @@ def thermal(
         Output folder: calibration.json, thermal.html, thermal.json, bins.csv, parameters.csv. Example: --out unit17.
     """
     command.begin()
-    from tumblecal.ground.option_texts import faults_of
-    from tumblecal.ground.units import reading_sd
+    from tumblecal.ground.option_texts import sd_of_reading
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.recordings.thermal.read_thermal import thermal_reading
-    from tumblecal.report.recording_words import grouped_lines, layouts_words, left_out_words
+    from tumblecal.report.recording_words import grouped_lines
     from tumblecal.report.thermal_files import write_thermal
     from tumblecal.report.thermal_page import next_lines, write_thermal_page
     from tumblecal.report.thermal_terminal import print_thermal
     from tumblecal.thermal.result import thermal_calibration
 
-    stated = temperature.stated()
-    with faults_of("--noise-sd"):
-        sd = reading_sd(noise_sd) if noise_sd else None
+    stated, sd = temperature.stated(), sd_of_reading("--noise-sd", noise_sd)
     files = recording_files(recordings, [context.table, context.plan])
     with results(out, _SET, [*files, context.plan, context.table, temperature.calibration]) as aside:
         with command.working("reading"):
@@ -123,12 +120,7 @@ def thermal(
             reading = thermal_reading(
                 files, context, options, criterion, bin_degc=width, same_attitude=same, noise_sd=sd
             )
-        command.say(*(layouts_words(reading.read) if reading.read else ()))
-        for recording in reading.read:
-            command.warn(recording.path, left_out_words(recording))
-        for source, lines in reading.warnings:
-            warn(source, lines)
-        command.say(*grouped_lines(reading.lines))
+        command.print_recordings(reading.read, reading.warnings, grouped_lines(reading.lines))
         with command.working("fitting"):
             result = thermal_calibration(reading.table, stated)
         write_thermal(aside, result)
@@ -136,7 +128,6 @@ def thermal(
     use = result.calibration.use
     if command.words:
         print_thermal(result)
-    command.warn(reading.table.source, [f"use: {use.words}"] if use.refused else [])
-    code = command.end(out, _SET, "thermal.json", use)
+    code = command.end(out, _SET, "thermal.json", use, reading.table.source)
     command.say(*(next_lines(result, out) if use.refused else ()))
     return code

@@ -1,11 +1,11 @@
 """Texts of options as values: `NAME=VALUE`, sizes with units, numbers and angles. Every fault begins with the option."""
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.units import quantity
+from tumblecal.ground.units import quantity, reading_sd
 
 
 # Angles of one range.
@@ -58,28 +58,37 @@ def size(option: str, text: str, unit: str, *, zero: bool = False) -> float:
     return value
 
 
+def sd_of_reading(option: str, text: str | None, *, zero: bool = False) -> float | None:
+    """The standard deviation of a reading, g; None without a text. `zero`: whether it may be 0.
+
+    **Raises:** `InputError` for other text, or a size that gives no weights.
+    """
+    with faults_of(option):
+        return reading_sd(text, none=zero) if text else None
+
+
 def sizes(
     option: str,
     given: Sequence[str],
-    unit_of: Callable[[str], str],
+    units: Mapping[str, str] | Callable[[str], str],
     example: str,
     *,
-    known: Collection[str] | None = None,
     zero: bool = False,
 ) -> dict[str, float]:
     """Sizes in texts such as `bias=1 mg`, in the unit of each name.
 
     **Arguments:**
 
-    - `unit_of`: the base unit of a name; an `InputError` for an unknown name. `example`, `known`: as of `pairs`.
+    - `units`: the base unit of each name, or a function that raises an `InputError` for an unknown name. `example`: in faults.
     - `zero`: whether a size may be 0.
 
     **Raises:** `InputError` for other text, and for a size below 0.
     """
     found = dict[str, float]()
+    known = units if isinstance(units, Mapping) else None
     for name, text in pairs(option, given, example, known).items():
         with faults_of(f"{option} {name}"):
-            unit = unit_of(name)
+            unit = units[name] if isinstance(units, Mapping) else units(name)
         found[name] = size(f"{option} {name}", text, unit, zero=zero)
     return found
 

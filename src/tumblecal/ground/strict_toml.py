@@ -2,17 +2,18 @@
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from json.encoder import encode_basestring
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.plain_text import controls_in
 from tumblecal.ground.text_file import read_text
 from tumblecal.ground.toml_faults import located, validation_faults
+from tumblecal.ground.units import quantity, reading_sd
 
 
 class Strict(BaseModel):
@@ -41,6 +42,30 @@ Numbers = Annotated[
     Annotated[Number, Tag("number")] | Annotated[list[Number], Tag("list")],
     Discriminator(lambda given: "list" if isinstance(given, list) else "number"),
 ]
+
+
+def _in_unit(read: Callable[[str], float]) -> BeforeValidator:
+    """A text such as `0.1 mg` as a number that is not below 0."""
+
+    def number(text: object) -> float:
+        if not isinstance(text, str):
+            raise ValueError("must be a text in quotation marks")
+        if (value := read(text)) < 0:
+            raise ValueError(f"{text!r} must not be below 0")
+        return value
+
+    return BeforeValidator(number)
+
+
+# Sizes with their unit in a text, in base units: an angle, an acceleration, its rate, a time, a frequency; the standard
+# deviation of a reading.
+Angle = Annotated[float, _in_unit(lambda text: quantity(text, "rad"))]
+Force = Annotated[float, _in_unit(lambda text: quantity(text, "g"))]
+ForceRate = Annotated[float, _in_unit(lambda text: quantity(text, "g/h"))]
+Seconds = Annotated[float, _in_unit(lambda text: quantity(text, "s"))]
+Hertz = Annotated[float, _in_unit(lambda text: quantity(text, "Hz"))]
+Sd = Annotated[float, _in_unit(reading_sd)]
+SdOrNone = Annotated[float, _in_unit(lambda text: reading_sd(text, none=True))]
 # A label or title, which is one line of other files.
 Line = Annotated[str, AfterValidator(_printable)]
 # Seeds of random numbers have 64 bits.

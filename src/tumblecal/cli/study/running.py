@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.command import warn
+from tumblecal.cli.command import names_written, warn
 from tumblecal.cli.options import Count, options
-from tumblecal.ground.counted import counted
+from tumblecal.ground.counted import counted, duration
 from tumblecal.ground.errors import InputError
 
 
@@ -94,27 +94,23 @@ def run_study(
         return
     names = (f"{kind}*", "*.svg", "manifest.json", "chunks/*")
     protect_inputs([config, config.parent / str(tables["study"]["rig"]), *effects], folders=[running.out], names=names)
-    folder, written = writable_folder(running.out), list[str]()
-    report = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+    folder = writable_folder(running.out)
 
     def shown(aside: Path, content, frames) -> None:
-        figures = draw(kind, content, frames, aside)
-        page = write_study_page(
-            aside / f"{kind}.html", kind, content, frames, answer_of(kind, content, frames), figures
-        )
-        parquets = [f"{kind}_{name}.parquet" for name in frames]
-        written.extend([*page, *(figure.name for figure in figures), *parquets, f"{kind}.json"])
+        page, answer = aside / f"{kind}.html", answer_of(kind, content, frames)
+        write_study_page(page, kind, content, frames, answer, draw(kind, content, frames, aside))
 
     try:
         with _workers(tables, running) as computed, _bar(console, study.trials) as progress:
             content, frames = run(
-                tables, folder, study=study, computed=computed, progress=progress, tell=report, shown=shown
+                tables, folder, study=study, computed=computed, progress=progress, tell=print, shown=shown
             )
     except KeyboardInterrupt:
         words = f"{folder}: the finished chunks are stored; the same command continues from there"
         raise KeyboardInterrupt(words) from None
     print_answer(answer_of(kind, content, frames), console)
-    report(f"written: {folder}/: {', '.join(written)} (open {folder / written[0]})")
+    written = names_written(folder, (f"{kind}.html", "*.svg", f"{kind}_*.parquet", f"{kind}.json"))
+    print(f"{written} (open {folder / kind}.html)")
 
 
 def _affordable(study: "Study", config: Path, running: Running) -> bool:
@@ -123,19 +119,17 @@ def _affordable(study: "Study", config: Path, running: Running) -> bool:
     **Raises:** `InputError` for a study beyond the limits.
     """
     workers = running.workers or 1
-    compiling = COMPILE_SECONDS * study.programs / 3600
-    hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
+    compiling, computing = COMPILE_SECONDS * study.programs, study.seconds / workers
+    hours, gib = (compiling + computing) / 3600, study.chunks * study.chunk_bytes / 2**30
     print(
-        f"{config}: {counted(study.trials, 'trial')} in {counted(study.chunks, 'chunk')}; about {_time(hours)} on "
-        f"{counted(workers, 'core')}, plus about {_time(compiling)} to compile it the first time; {_bytes(gib)} on disk"
+        f"{config}: {counted(study.trials, 'trial')} in {counted(study.chunks, 'chunk')}; about {duration(computing)} on "
+        f"{counted(workers, 'core')}, plus about {duration(compiling)} to compile it the first time; {gib:.2g} GiB on disk"
     )
-    faults = []
-    if hours + compiling > running.max_hours:
-        faults.append(f"{config}: would take {hours + compiling:.1f} h, more than --max-hours {running.max_hours:g}")
-    if gib > running.max_gib:
-        faults.append(f"{config}: would need {gib:.1f} GiB of disk, more than --max-gib {running.max_gib:g}")
-    if faults:
-        raise InputError(faults)
+    for needed, most, option in ((hours, running.max_hours, "max-hours"), (gib, running.max_gib, "max-gib")):
+        if needed > most:
+            raise InputError(
+                f"{config}: {option.partition('-')[2]}: would need {needed:.3g}, more than --{option} {most:g}"
+            )
     return not running.dry_run
 
 
@@ -156,13 +150,3 @@ def _bar(console, trials: int) -> Iterator[Callable[[int], None]]:
     with Progress(*columns, console=console, transient=not console.is_terminal) as progress:
         task = progress.add_task("trials", total=trials)
         yield partial(progress.advance, task)
-
-
-def _time(hours: float) -> str:
-    if hours < 1 / 60:
-        return f"{3600 * hours:.0f} s"
-    return f"{60 * hours:.0f} min" if hours < 2 else f"{hours:.1f} h"
-
-
-def _bytes(gib: float) -> str:
-    return f"{gib:.1f} GiB" if gib >= 1 else f"{max(1024 * gib, 0.1):.1f} MiB"
