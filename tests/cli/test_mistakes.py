@@ -123,8 +123,8 @@ MISTAKES = {
     "simulated as a text": ("simulate head.toml --out x.txt", "x.txt: must end in .csv or .parquet"),
     "simulated in any noise": ("simulate head.toml --noise-sd x --out x.csv", "--noise-sd: 'x'"),
     "corrected as a text": ("apply cal.json good.csv --out x.txt", "x.txt: must end in .csv or .parquet"),
-    "a plan of nothing": ("plan head.toml --positions 0 --out x", "--positions 0: must be >= 1; see tumblecal plan --help"),
-    "a plan without a search": ("plan head.toml --restarts 0 --out x", "--restarts 0: must be >= 1"),
+    "a plan of nothing": ("plan head.toml --positions 0 --out x", "--positions. Must be >= 1; see tumblecal plan --help"),
+    "a plan without a search": ("plan head.toml --restarts 0 --out x", "--restarts. Must be >= 1"),
     "a criterion twice": ("plan head.toml --criterion worst=1,worst=2 --out x", "with each name once"),
     "a criterion of a word": (
         "plan head.toml --criterion worst=a --out x",
@@ -168,7 +168,7 @@ MISTAKES = {
     "a bias too short": ("apply short.json good.csv", "bias: must have 3 or more entries, not 2"),
     "another unit's log": ("apply cal.json log.csv", "serial number B2, but cal.json is of A1"),
     "corrected twice": ("apply cal.json corrected.csv", "these data are corrected already"),
-    "workers of none": ("diagnose good.csv --workers 0", "--workers 0: must be >= 1"),
+    "workers of none": ("diagnose good.csv --workers 0", "--workers. Must be >= 1"),
     "units and joined files": ("diagnose good.csv result.json --units --join", "--units treats each file as a differe"),
     "units and a head": ("diagnose good.csv result.json --units --head x", "give it without --join and --head"),
     "calibration and recording exchanged": ("check good.csv cal.json", "good.csv and cal.json are exchanged: the cali"),
@@ -213,7 +213,7 @@ MISTAKES = {
     "an input for each day": ("budget good.csv daily.toml", "considered.a.per: must be 'position', 'pitch', 'run' or"),
     "a certificate of a file": ("certificate cal.json --admin lab.toml", "cal.json: a file; give the output folder"),
     "a certificate of nothing": ("certificate none --admin lab.toml", "lab.toml: schema is 'tumblecal.budget/1', not"),
-    "a wait without end": ("capture plan.toml --out run --wait nan", "--wait nan: must be <= 86400"),
+    "a wait without end": ("capture plan.toml --out run --wait nan", "--wait. Must be <= 86400"),
     "a capture that is none": ("capture --resume none", "none: no journal.log here"),
     "a port that is none": ("sniff none", "port none: there is no such device"),
 }

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.cli.command import Command
+from tumblecal.cli.command import Command, add_to_history
 from tumblecal.cli.options import ModelOptions, ResultOptions
 from tumblecal.cli.position_files import JoinOptions, Outcome, PositionFiles
 from tumblecal.ground.errors import InputError
@@ -66,7 +66,7 @@ def calibrate(
                 from tumblecal.report.calibration_page import write_calibration_page
 
                 write_calibration_page(aside / "calibration.html", made, draw_calibration(aside, made))
-        more.in_history(folder, "calibration", made.exact.data.serial_number)
+        add_to_history(more.history, folder, "calibration", made.exact.data.serial_number)
         command.warn(made.exact.data.source, warning_words(made))
         row = calibration_row(file, made)
         lacking = "".join(f" ({words})" for words in lacking_of_fit(made.exact, made.entries, of_sensor=True))

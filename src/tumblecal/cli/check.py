@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tumblecal.cli.command import Command, results, warn
+from tumblecal.cli.command import Command, add_to_history, results, warn
 from tumblecal.cli.options import Context, Priors, Recording, Rest, ResultOptions, RigFile, Texts, options, within
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
@@ -124,7 +124,7 @@ def check(
     from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.gravity import gravity_of_option
     from tumblecal.ground.option_texts import sd_of_reading, sizes
-    from tumblecal.history.database import of_unit
+    from tumblecal.history.database import of_unit, ready
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.report.check_files import write_check
     from tumblecal.report.check_page import write_check_page
@@ -145,10 +145,11 @@ def check(
         sd_of_reading("--noise-sd", test.noise_sd),
         sd_of_reading("--largest-error", test.largest_error),
     )
-    again = sizes("--repeatability", test.repeatability, UNITS, "'bias=0.3 mg'", zero=True)
+    again = sizes("--repeatability ", test.repeatability, UNITS, "'bias=0.3 mg'", zero=True)
     drifts = [text.replace(" ", "").removesuffix("/month") for text in updating.drift]
-    rates = sizes("--drift", drifts, UNITS, "'bias=0.1 mg/month'", zero=True)
-    more.ready()
+    rates = sizes("--drift ", drifts, UNITS, "'bias=0.1 mg/month'", zero=True)
+    if more.history is not None:
+        ready(more.history)
     made, refused = None, None
     with results(out, _SET, inputs) as aside:
         with command.working("reading"):
@@ -186,7 +187,7 @@ def check(
             write_check_page(aside / "check.html", result, verdict)
     if made is not None and update is not None:
         write_calibration(update, made[0].calibration)
-    more.in_history(out, "check", serial)
+    add_to_history(more.history, out, "check", serial)
     command.say(*verdict_lines(verdict, command.columns))
     code = command.end(out, _SET, "check.json", result.use, data.source, f"; {update}" if made else "")
     if refused is not None:

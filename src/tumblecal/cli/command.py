@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import sys
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.interrupts import interrupted_by
 from tumblecal.cli.options import Quiet, options
-from tumblecal.ground.errors import InputError, SupplementWarning, one_line
+from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.plain_text import plain
+from tumblecal.ground.suggested_command import suggested
 
 
 if TYPE_CHECKING:
@@ -25,26 +24,12 @@ if TYPE_CHECKING:
 
 # Exit code for a result that must not be used; its files are written.
 NOT_USABLE = 3
-_OTHERS = warnings.formatwarning
 
 
 def warn(source: object, lines: Iterable[str]) -> None:
     """Print warnings on stderr, one line each."""
     for line in lines:
         print(f"WARNING: {source}: {one_line(line)}", file=sys.stderr)
-
-
-def warn_in_one_line() -> None:
-    """From now on a missing figure or page is one line on stderr."""
-    warnings.formatwarning = _words
-
-
-def _words(message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None) -> str:
-    if not issubclass(category, SupplementWarning):
-        return _OTHERS(message, category, filename, lineno, line)
-    if interrupted_by():  # compiled modules convert the exception of a signal into other errors
-        raise KeyboardInterrupt
-    return f"WARNING: {message}\n"
 
 
 def table_file(path: Path, inputs: Iterable[Path | None]) -> Path:
@@ -86,6 +71,31 @@ def names_written(out: Path, names: Sequence[str]) -> str:
     return f"written: {out}/: {', '.join(path.name for name in names for path in sorted(out.glob(name)))}"
 
 
+def terminal_width() -> int | None:
+    """The width of the terminal to which is printed; None for a pipe or a file, whose lines are not folded."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() or "COLUMNS" in os.environ else None
+
+
+def add_to_history(history: Path | None, folder: Path, kind: str, serial: str | None) -> None:
+    """Add the results of a folder to a history, if one is given.
+
+    **Raises:** `InputError` if they cannot be added; the folder keeps them.
+    """
+    if history is None:
+        return
+    from tumblecal.history.database import add
+    from tumblecal.history.folders import of_folder
+
+    try:
+        add(history, of_folder(folder, kind, serial))
+    except InputError as error:
+        later = f"the results are in {folder}/; add them later: {suggested('history', history, '--add', folder)}"
+        raise InputError([f"{fault}; {later}" for fault in error.faults]) from error
+    if serial is None:
+        state = "so it belongs to no unit: state the number in the data (# serial_number: ...)"
+        warn(history, [f"{folder} was added without a serial number, {state}"])
+
+
 @options
 class Command:
     """One call of a command, with its printed output."""
@@ -123,24 +133,20 @@ class Command:
         return not (self.quiet or self.json)
 
     @property
-    def _on_terminal(self) -> bool:
-        return sys.stdout.isatty() or "COLUMNS" in os.environ
-
-    @property
     def columns(self) -> int:
         """Width of a formatted text: 100 columns, or that of a narrower terminal."""
         from tumblecal.report.verdict import WIDTH
 
-        return min(WIDTH, shutil.get_terminal_size().columns) if self._on_terminal else WIDTH
+        return min(WIDTH, terminal_width() or WIDTH)
 
     def say(self, *paragraphs: str) -> None:
         """Print words, unless JSON or silence is asked for; folded on a terminal, otherwise one line for each paragraph."""
         text = plain("\n".join(paragraphs))
         if self.words and text:
-            if self._on_terminal:
+            if width := terminal_width():
                 from tumblecal.report.narrow import folded
 
-                text = folded(text, shutil.get_terminal_size().columns)
+                text = folded(text, width)
             print(text, flush=True)
 
     def warn(self, source: object, lines: Iterable[str]) -> None:

@@ -1,13 +1,12 @@
 """`tumblecal decode`: samples of a log of bytes."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from tumblecal.capture.decoding.samples import Stated
-from tumblecal.cli.command import table_file, warn
+from tumblecal.cli.command import Command, table_file, warn
 from tumblecal.cli.options import Quiet
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -33,18 +32,12 @@ def decode(
     out
         Table of samples to write (.csv or .parquet). Default: none. Example: --out samples.csv.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from tumblecal.capture.decoding.byte_file import decode_file
 
     if out is not None:
         table_file(out, [file])
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(f"decoding {file.name}", total=file.stat().st_size if file.is_file() else None)
-        contents = decode_file(
-            file, protocol, out=out, stated=stated, progress=lambda size: bar.update(task, completed=size)
-        )
+    with Command(quiet).working(f"decoding {file}"):
+        contents = decode_file(file, protocol, out=out, stated=stated)
     counts, read = contents.counts, contents.protocol
     print(f"{file}: {read.title} (--protocol {read.name})")
     print(

@@ -77,7 +77,8 @@ def diagnose(
     command.begin(one_thread=True)
     from tumblecal.data.overwriting import DIAGNOSIS
     from tumblecal.ground.atomic import output_folders
-    from tumblecal.ground.option_texts import pairs
+    from tumblecal.ground.option_texts import angles, pairs
+    from tumblecal.planning import Allowed
     from tumblecal.recordings.dwells.position_samples import read_position_samples
     from tumblecal.report.summary import DIAGNOSED
 
@@ -94,7 +95,9 @@ def diagnose(
     if inputs.samples is not None and not files.single:
         raise InputError("--samples is for one position file, but several are given; diagnose each file separately")
     raw = None if inputs.samples is None else read_position_samples(inputs.samples)
-    batch = Batch(model, held_out, raw, following.allowed(), files.single, more, inputs.max_rows, command)
+    alpha, beta = angles("--allow-alpha", following.allow_alpha), angles("--allow-beta", following.allow_beta)
+    allowed = Allowed(alpha or None, beta or None, following.allow_mount == "turns")
+    batch = Batch(model, held_out, raw, allowed, files.single, more, inputs.max_rows, command)
     names = (*DIAGNOSIS_SET, *_UNITS_SET)
     read = files.read(batch.model, model, DIAGNOSIS, names, inputs.samples, together=inputs.units, check_size=False)
     if joining.join and len(data) > 1 and not isinstance(read[0], InputError) and read[0].mount is None:

@@ -10,7 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tumblecal.cli.command import Command, warn_in_one_line
+from tumblecal.cli.command import Command, add_to_history
 from tumblecal.cli.options import ModelOptions, ResultOptions
 from tumblecal.cli.position_files import Outcome
 from tumblecal.ground.errors import InputError
@@ -152,7 +152,7 @@ class Batch:
         with result_set(folder, DIAGNOSIS_SET) as aside:
             drawn = self.single if figures is None else figures
             write_diagnosis(aside, diagnosis, plan, figures=drawn, said=head_record, verdict=verdict)
-        self.more.in_history(folder, "diagnosis", diagnosis.data.serial_number)
+        add_to_history(self.more.history, folder, "diagnosis", diagnosis.data.serial_number)
         self.command.warn(diagnosis.data.source, warning_words(diagnosis))
         row, found = diagnosis_row(file, diagnosis), ", ".join(diagnosis.labels) or "nothing found"
         words = [f"{file}: {diagnosis.verdict}", found, *lacking_of_diagnosis(diagnosis, of_sensor=True)]
@@ -186,6 +186,7 @@ def _work(batch: Batch) -> None:
     """Prepare a worker process; interrupts are handled by the parent process."""
     global _batch
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    from tumblecal.cli.commands import warn_in_one_line
     from tumblecal.cli.start import start
 
     warn_in_one_line()

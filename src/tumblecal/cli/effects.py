@@ -1,10 +1,8 @@
 """`tumblecal effects`."""
 
-import os
-import shutil
-import sys
 import textwrap
 
+from tumblecal.cli.command import terminal_width
 from tumblecal.cli.options import EffectFiles
 
 
@@ -50,8 +48,7 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
         rows = [(f"  {name}:", text) for name, text in facts.items() if text]
     # In a pipe each row is one line; in a narrow terminal only the words are folded, never the ids.
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)][:-1]
-    on_terminal = sys.stdout.isatty() or "COLUMNS" in os.environ
-    room = shutil.get_terminal_size().columns - sum(widths) - 2 * len(widths) if on_terminal else _PIPE
+    room = (terminal_width() or _PIPE) - sum(widths) - 2 * len(widths)
     for *cells, words in rows:
         start_of_row = "".join(f"{cell:{width}}  " for cell, width in zip(cells, widths, strict=True))
         lines = textwrap.wrap(words, max(room, _LEAST_WORDS), break_on_hyphens=False)

@@ -119,7 +119,7 @@ def _limits(criteria: Criteria) -> dict[str, float]:
     from tumblecal.history.repeatability import PAPER_LIMITS
 
     units = {leaf: unit for leaf, (_, unit) in GROUPS.items()}
-    return {**PAPER_LIMITS, **sizes("--limit", criteria.limit, units, "'bias=1 mg'")}
+    return {**PAPER_LIMITS, **sizes("--limit ", criteria.limit, units, "'bias=1 mg'")}
 
 
 def _check(database: Path) -> int:

@@ -12,7 +12,7 @@ from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.head_file import MeasuredHead, read_head
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import unit_of_parameter
+from tumblecal.chain.rig_file import unit_in
 from tumblecal.cli.command import warn
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet, read_positions
@@ -75,13 +75,7 @@ class StatedModel:
         entries = catalogue(*options.effects)
         rig = None if options.rig is None else read_rig_with_effects(options.rig, entries)
         units = UNIT_OF_LEAF | (links_and_units(entries)[1] if rig and rig.effects else {})
-
-        def unit_of(name: str) -> str:
-            if (unit := unit_of_parameter(name, units)) is None:
-                raise InputError(f"no parameter {name!r}; parameters: {', '.join(units)}")
-            return unit
-
-        given = sizes("--prior", options.prior, unit_of, "'dbeta=3 arcmin'", zero=True)
+        given = sizes("--prior ", options.prior, unit_in(units), "'dbeta=3 arcmin'", zero=True)
         known = [*UNIT_OF_LEAF, *(leaf + CHANGE for leaf in (rig.temperature.leaves if rig else ()))]
         if unknown := sorted({*options.fix} - {*known}):
             raise InputError(f"--fix {unknown[0]}: no such parameter; parameters: {', '.join(known)}")

@@ -1,23 +1,15 @@
 """Options that several commands share: one declaration and one text each, so that every --help has the same words."""
 
 import math
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeVar, dataclass_transform
+from typing import Annotated, Literal, TypeVar, dataclass_transform
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.option_texts import angles
-from tumblecal.ground.strict_toml import LARGEST_SEED
-from tumblecal.ground.suggested_command import suggested
+from tumblecal.ground.option_texts import LARGEST_SEED
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
-
-
-if TYPE_CHECKING:
-    from tumblecal.planning import Allowed
 
 
 Declared = TypeVar("Declared")
@@ -127,40 +119,6 @@ class ResultOptions:
     figures: Annotated[bool | None, Parameter(negative="--no-figures")] = None
     history: Path | None = None
 
-    def ready(self) -> None:
-        """Create the history if it is missing, before the work begins.
-
-        **Raises:** `InputError` for a file that is not a history.
-        """
-        if self.history is not None:
-            from tumblecal.history.database import ready
-
-            ready(self.history)
-
-    def in_history(self, folder: Path, kind: str, serial: str | None) -> None:
-        """Add the results of a folder to the history, if one is given.
-
-        **Raises:** `InputError` if they cannot be added; the folder keeps them.
-        """
-        if self.history is None:
-            return
-        from tumblecal.history.database import add
-        from tumblecal.history.folders import of_folder
-
-        try:
-            add(self.history, of_folder(folder, kind, serial))
-        except InputError as error:
-            later = (
-                f"the results are in {folder}/; add them later: {suggested('history', self.history, '--add', folder)}"
-            )
-            raise InputError([f"{fault}; {later}" for fault in error.faults]) from error
-        if serial is None:
-            print(
-                f"WARNING: {self.history}: {folder} was added without a serial number, so it belongs to no unit: state the "
-                "number in the data (# serial_number: ...)",
-                file=sys.stderr,
-            )
-
 
 @options
 class NextPositions:
@@ -181,13 +139,3 @@ class NextPositions:
     allow_alpha: Texts = ()
     allow_beta: Texts = ()
     allow_mount: Literal["none", "turns"] = "turns"
-
-    def allowed(self) -> "Allowed":
-        """The options as an argument of `next_plan`.
-
-        **Raises:** `InputError` for texts that are not angles.
-        """
-        from tumblecal.planning import Allowed
-
-        alpha, beta = angles("--allow-alpha", self.allow_alpha), angles("--allow-beta", self.allow_beta)
-        return Allowed(alpha or None, beta or None, self.allow_mount == "turns")

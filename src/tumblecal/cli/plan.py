@@ -165,7 +165,7 @@ def _wanted(rig: "Rig", options: PlanOptions, entries: "Catalogue") -> "Wanted":
     if wrong := [name for name, weight in weights.items() if weight <= 0]:
         raise InputError(f"--criterion {wrong[0]}: a weight must be above 0; remove a criterion that does not count")
     of_effects = [text for text in options.effects if "=" in text]
-    effects = sizes("--effects", of_effects, lambda id: entry(entries, id).unit, "'second_order.z=0.2 mg/g^2'")
+    effects = sizes("--effects ", of_effects, lambda id: entry(entries, id).unit, "'second_order.z=0.2 mg/g^2'")
     if not effects and {"naming", "alias"} & {*weights}:
         raise InputError("--criterion: no effect is stated; add for example --effects 'second_order.z=0.2 mg/g^2'")
     if options.parameters and not {"worst", "mean", "volume"} & {*weights}:

@@ -92,17 +92,17 @@ class PositionFiles:
     """
 
     def __init__(self, command: Command, joining: JoinOptions, more: ResultOptions, files: list[Path], out: Path):
-        from tumblecal.data.joined import unused
-
         if (joining.same_run or joining.pause) and not joining.join:
             raise InputError(f"--{'same-run' if joining.same_run else 'pause'} is for joined files only; add --join")
         self.command, self.joining, self.more, self.out = command, joining, more, out
         self.single = joining.join or len(files) == 1
         self.given, self.files = files, files[:1] if joining.join else files
-        names = list[str]()
-        for path in self.files:
-            names.append(unused(path.stem, names, "-"))
-        self.folders = [out] if self.single else [out / name for name in names]
+        self.folders = [out] if self.single else list[Path]()
+        if not self.single:
+            from tumblecal.data.joined import unused
+
+            for path in files:
+                self.folders.append(out / unused(path.stem, [folder.name for folder in self.folders], "-"))
 
     def read(
         self,
@@ -130,7 +130,10 @@ class PositionFiles:
             [*self.given, *options.files, self.more.history, *others], folders=folders, names=(*names, SUMMARY)
         )
         protect_other_results(written, folders)
-        self.more.ready()
+        if self.more.history is not None:
+            from tumblecal.history.database import ready
+
+            ready(self.more.history)
         read = model.read_each(self.given, together=together or self.single, check_size=check_size)
         if self.joining.join:
             whole, words = self.joining.joined([part for part in read if not isinstance(part, InputError)], model.rig)

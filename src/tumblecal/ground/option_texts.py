@@ -8,6 +8,8 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import quantity, reading_sd
 
 
+# Seeds of random numbers have 64 bits.
+LARGEST_SEED = 2**63 - 1
 # Angles of one range.
 _MOST_ANGLES = 720
 
@@ -53,8 +55,8 @@ def size(option: str, text: str, unit: str, *, zero: bool = False) -> float:
     """
     with faults_of(option):
         value = quantity(text, unit)
-    if value < 0 or (value == 0 and not zero):
-        raise InputError(f"{option}: {text!r}: must be above 0{', or 0' if zero else ''}")
+        if value < 0 or (value == 0 and not zero):
+            raise InputError(f"{text!r}: must be above 0{', or 0' if zero else ''}")
     return value
 
 
@@ -69,27 +71,35 @@ def sd_of_reading(option: str, text: str | None, *, zero: bool = False) -> float
 
 def sizes(
     option: str,
-    given: Sequence[str],
+    given: Sequence[str] | Mapping[str, str],
     units: Mapping[str, str] | Callable[[str], str],
-    example: str,
+    example: str = "",
     *,
     zero: bool = False,
 ) -> dict[str, float]:
-    """Sizes in texts such as `bias=1 mg`, in the unit of each name.
+    """Sizes in texts such as `bias=1 mg`, or in a table of texts, in the unit of each name.
 
     **Arguments:**
 
-    - `units`: the base unit of each name, or a function that raises an `InputError` for an unknown name. `example`: in faults.
-    - `zero`: whether a size may be 0.
+    - `option`: before each name in faults, with a blank or a dot at its end.
+    - `units`: the base unit of each name, or a function that raises an `InputError` for an unknown name.
+    - `example`: in faults. `zero`: whether a size may be 0.
 
-    **Raises:** `InputError` for other text, and for a size below 0.
+    **Raises:** `InputError` with all faults: other text, and a size below 0.
     """
-    found = dict[str, float]()
-    known = units if isinstance(units, Mapping) else None
-    for name, text in pairs(option, given, example, known).items():
-        with faults_of(f"{option} {name}"):
-            unit = units[name] if isinstance(units, Mapping) else units(name)
-        found[name] = size(f"{option} {name}", text, unit, zero=zero)
+    found, faults = dict[str, float](), list[str]()
+    stated = given if isinstance(given, Mapping) else pairs(option.strip(), given, example)
+    for name, text in stated.items():
+        try:
+            if not callable(units) and name not in units:
+                raise InputError(f"{option}{name}: no such parameter; parameters: {', '.join(units)}")
+            with faults_of(f"{option}{name}"):
+                unit = units(name) if callable(units) else units[name]
+            found[name] = size(f"{option}{name}", text, unit, zero=zero)
+        except InputError as error:
+            faults += error.faults
+    if faults:
+        raise InputError(faults)
     return found
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import LARGEST_SEED, sizes
 from tumblecal.ground.plain_text import controls_in
 from tumblecal.ground.text_file import read_text
 from tumblecal.ground.toml_faults import located, validation_faults
@@ -66,10 +67,21 @@ Seconds = Annotated[float, _in_unit(lambda text: quantity(text, "s"))]
 Hertz = Annotated[float, _in_unit(lambda text: quantity(text, "Hz"))]
 Sd = Annotated[float, _in_unit(reading_sd)]
 SdOrNone = Annotated[float, _in_unit(lambda text: reading_sd(text, none=True))]
+
+
+def sizes_by_name(units: Mapping[str, str] | Callable[[str], str], *, zero: bool = False) -> BeforeValidator:
+    """A table of sizes with their unit in a text, in base units; `zero`: whether a size may be 0."""
+
+    def read(given: object) -> dict[str, float]:
+        if not isinstance(given, Mapping) or not all(isinstance(text, str) for text in given.values()):
+            raise ValueError("must be a table of texts in quotation marks")
+        return sizes("", given, units, zero=zero)
+
+    return BeforeValidator(read)
+
+
 # A label or title, which is one line of other files.
 Line = Annotated[str, AfterValidator(_printable)]
-# Seeds of random numbers have 64 bits.
-LARGEST_SEED = 2**63 - 1
 Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
 
 Table = TypeVar("Table", bound=BaseModel)

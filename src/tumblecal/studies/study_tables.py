@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import rig_of
+from tumblecal.chain.rig_file import rig_of, unit_of_parameter
 from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
 from tumblecal.ground.errors import InputError
@@ -26,9 +26,9 @@ from tumblecal.ground.strict_toml import (
     Strict,
     checked,
     read_toml,
+    sizes_by_name,
 )
 from tumblecal.ground.toml_faults import located
-from tumblecal.ground.units import quantity
 from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan_fit import from_figures
 from tumblecal.studies.study_faults import of_options, unknown_effects
@@ -88,17 +88,9 @@ class StudyNoiseTable(Strict):
 class TruthTable(Strict):
     """The `[truth]` table: sd of a random instrument about the rig's true values, by leaf or parameter."""
 
-    spread: dict[str, str] = {}
-
-    def sizes(self) -> dict[str, float]:
-        """The sds, base units."""
-        return {name: quantity(text, unit_of(name)) for name, text in self.spread.items()}
-
-
-def unit_of(name: str) -> str:
-    """Base unit of a nominal leaf or parameter (`dbeta`, `dbeta_0`); dimensionless for others."""
-    leaf = next((leaf for leaf in UNIT_OF_LEAF if name == leaf or name.startswith(f"{leaf}_")), None)
-    return UNIT_OF_LEAF.get(leaf or "", "1")
+    spread: Annotated[
+        dict[str, float], sizes_by_name(lambda name: unit_of_parameter(name, UNIT_OF_LEAF) or "1", zero=True)
+    ] = {}
 
 
 class _StudyKeys(Strict):
@@ -222,17 +214,10 @@ def read_study(
 def table_faults(kind: str, content: Mapping[str, object], path: Path) -> list[str]:
     """The faults of a study's table."""
     try:
-        table = checked(path, content, TABLES[kind])
+        checked(path, content, TABLES[kind])
     except InputError as error:
-        return list(error.faults)
-    faults = []
-    truth = getattr(table, "truth", None)
-    for name, text in (truth.spread if truth else {}).items():
-        try:
-            quantity(text, unit_of(name))
-        except InputError as error:
-            faults.append(f"{path}: truth.spread.{name}: {error}")
-    return faults
+        return [*error.faults]
+    return []
 
 
 def table_of(study: Mapping[str, Any]) -> Any:

@@ -7,7 +7,6 @@ study = App(
     name="study",
     help="Simulate thousands to millions of calibrations: convergence, linearization, coverage, sweep, power.",
     result_action="return_value",
-    help_format="markdown",
 )
 KINDS = {
     "coverage": "Check estimates and stated uncertainties: estimation bias, dispersion, chi2, interval coverage.",
