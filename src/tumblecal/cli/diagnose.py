@@ -1,13 +1,13 @@
 """`tumblecal diagnose`."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tumblecal.cli.command import Command
 from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET, Batch
 from tumblecal.cli.options import Count, ModelOptions, NextPositions, ResultOptions, options, within
-from tumblecal.cli.position_files import ONE_MOUNTING, JoinOptions, Outcome, PositionFiles
+from tumblecal.cli.position_files import ONE_MOUNTING, JoinOptions, PositionFiles
 from tumblecal.ground.errors import InputError
 
 
@@ -118,36 +118,25 @@ def _diagnose_units(files: PositionFiles, batch: Batch, read: "list[Read]", work
     from tumblecal.ground.result_set import remove_results, result_set
     from tumblecal.report.head_files import write_units
     from tumblecal.report.head_words import units_text
-    from tumblecal.report.summary import DIAGNOSED, diagnosis_row
+    from tumblecal.report.summary import DIAGNOSED
 
-    screened, refused = {}, dict[int, InputError]()
+    screened = {}
     with batch.command.working(f"screening {len(read)} units"):
         for number, positions in enumerate(read):
             try:
-                if not isinstance(positions, InputError):
-                    screened[number] = batch.screened(positions)
+                screened[number] = batch.screened(positions)
             except InputError as fault:
-                refused[number] = fault
+                read[number] = fault
     if len(screened) < 2:
-        faults = [text for fault in refused.values() for text in fault.faults]
+        faults = [fault for part in read if isinstance(part, InputError) for fault in part.faults]
         raise InputError([*faults, "--units: fewer than two units can be diagnosed; common errors need at least two"])
     with batch.command.working("estimating errors common to the units"):
         measured = joint_diagnosis([*screened.values()], [str(files.files[k]) for k in screened], batch.model.usual)
-    usable = [*screened]
+    heads = {number: measured.known_to(place) for place, number in enumerate(screened)}
     del screened
-    heads = [measured.known_to(number) for number in range(len(usable))]
-    of_usable = ([each[k] for k in usable] for each in (files.files, files.folders, read))
-    runs = batch.run(*of_usable, workers, heads)
-
-    def outcomes() -> Iterator[Outcome]:
-        for number, file in enumerate(files.files):
-            if number in refused:
-                yield Outcome(diagnosis_row(file, refused[number]), refused[number].faults, f"{file}: rejected")
-            else:
-                yield next(runs)
 
     def write(rows: Sequence[dict[str, Any]]) -> None:
-        units = [(files.folders[k].name, rows[k]) for k in usable]
+        units = [(files.folders[number].name, rows[number]) for number in heads]
         with result_set(files.out, _UNITS_SET) as aside:
             write_units(aside, measured, units, batch.model.entries, figures=batch.more.figures is not False)
         batch.command.say(units_text(measured, units, batch.model.entries))
@@ -155,4 +144,5 @@ def _diagnose_units(files: PositionFiles, batch: Batch, read: "list[Read]", work
 
     # They describe the results of the units before the first one is replaced.
     remove_results(files.out, _UNITS_SET)
-    return files.conclude(outcomes(), DIAGNOSED, DIAGNOSIS_SET, "", "diagnosing", write)
+    outcomes = batch.run(files.files, files.folders, read, workers, [heads.get(k) for k in range(len(read))])
+    return files.conclude(outcomes, DIAGNOSED, DIAGNOSIS_SET, "", "diagnosing", write)

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from tumblecal.chain.head_file import MeasuredHead
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.cli.position_files import Read
-    from tumblecal.data import PositionSet
     from tumblecal.diagnosis import Diagnoser
     from tumblecal.diagnosis.screening.screened import Screened
     from tumblecal.planning import Allowed
@@ -89,26 +88,28 @@ class Batch:
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def screened(self, positions: "PositionSet") -> "Screened":
+    def screened(self, read: "Read") -> "Screened":
         """The screen of one file; nothing is written.
 
         **Raises:** `InputError` for positions that cannot be diagnosed.
         """
         from tumblecal.estimation.methods import require_noise
 
-        begun = self.diagnoser.begun(**self._options(positions, self.model), samples=self.samples)
+        begun = self.diagnoser.begun(**self._options(read, self.model), samples=self.samples)
         require_noise(begun.extended)
         return begun.screened
 
-    def _options(self, positions: "PositionSet", model: "StatedModel") -> dict[str, Any]:
+    def _options(self, read: "Read", model: "StatedModel") -> dict[str, Any]:
         """Averaged positions and their stated model, as keyword arguments of a diagnosis.
 
-        **Raises:** `InputError` for more positions than allowed.
+        **Raises:** `InputError` for a file that could not be read, and for more positions than allowed.
         """
         from tumblecal.data.repeats import in_bounds
 
+        if isinstance(read, InputError):
+            raise read
         sampled = self.samples is not None
-        bounded = in_bounds(positions, model.noise_sd, self.max_rows, sampled=sampled)
+        bounded = in_bounds(read, model.noise_sd, self.max_rows, sampled=sampled)
         if self.single:
             self.command.say(bounded.words)
         known = bounded.noise_sd is not None or model.known(bounded.data) or sampled
@@ -137,10 +138,8 @@ class Batch:
 
         model = replace(self.model, head=head)
         try:
-            if isinstance(read, InputError):
-                raise read
-            require_measured(read)
             stated = self._options(read, model) | {"holdout": self.holdout, "samples": self.samples}
+            require_measured(stated["data"])
             diagnosis = self.diagnoser(from_rig=model.rig is not None, **stated)
             require_noise(diagnosis.extended)
         except (InputError, MemoryError, LinAlgError) as error:
