@@ -77,18 +77,19 @@ def certificate(
     with results(out, _SET, [admin, limits, budget]) as aside:
         write_certificate(aside / "certificate.html", stated, certified, source)
         write_text(aside / "dcc.xml", dcc_text(stated, certified, source))
+    unstated = calibration.gravity is None or calibration.gravity.assumed
+    noise = (
+        f"the budget was {certified.other_noise}; uncertainties and coverage factors are recomputed with those of the "
+        "calibration, and differ from the page of the budget"
+    )
     # To read before the laboratory signs.
-    if calibration.gravity is None or calibration.gravity.assumed:
-        warn(folder, ["the gravity of the site is not stated; scale factors and values in m/s^2 depend on it"])
-    if elsewhen:
-        warn(folder, [f"{elsewhen}; check performance.begin and end in {admin}"])
-    if certified.other_noise:
-        recomputed = (
-            "uncertainties and coverage factors are recomputed with those of the calibration, and differ from the page"
-        )
-        warn(folder, [f"the budget was {certified.other_noise}; {recomputed} of the budget"])
-    if certified.reservation:
-        warn(folder, [f"the certificate states: {certified.reservation}"])
+    warnings = [
+        "the gravity of the site is not stated; scale factors and values in m/s^2 depend on it" if unstated else "",
+        f"{elsewhen}; check performance.begin and end in {admin}" if elsewhen else "",
+        noise if certified.other_noise else "",
+        f"the certificate states: {certified.reservation}" if certified.reservation else "",
+    ]
+    warn(folder, filter(None, warnings))
     if not certified.budgeted:
         included = contribution_words(calibration, "the measured head" if head_covariance(calibration) else "")
         print(f"the uncertainties include {included}; run tumblecal budget to add type B contributions")

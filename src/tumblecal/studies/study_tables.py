@@ -31,7 +31,7 @@ from tumblecal.ground.strict_toml import (
 from tumblecal.ground.toml_faults import located
 from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan_fit import from_figures
-from tumblecal.studies.study_faults import of_options, unknown_effects
+from tumblecal.studies.study_faults import unknown_effects
 
 
 Count = Annotated[int, Field(ge=2, le=10**12)]
@@ -204,7 +204,7 @@ def read_study(
     ):
         faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
-        raise InputError(of_options(located(path, faults), path, changes or {}))
+        raise InputError(located(path, faults))
     study: dict[str, Any] = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
     if sources:
         study["effects"] = [vars(source) for source in sources]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.cli.command import names_written, warn
-from tumblecal.cli.options import Count, options
+from tumblecal.cli.options import Count, Seed, options, within
 from tumblecal.ground.counted import counted, duration
 from tumblecal.ground.errors import InputError
 
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 # Time to compile the program of a study, s; measured with an empty cache on a busy core (7 to 13 s).
 COMPILE_SECONDS = 12.0
 
-Seed = Annotated[
-    int | None, Parameter(help="Seed of all random numbers. Default: that of the file. Example: --seed 1.")
+Number = Annotated[int | None, within(gte=2, lte=10**12)]
+StudySeed = Annotated[
+    Seed | None, Parameter(help="Seed of all random numbers. Default: that of the file. Example: --seed 1.")
 ]
 
 
