@@ -10,7 +10,6 @@ import pytest
 import tumblecal as package
 from independent import Instrument
 from independent import readings as linear_readings
-from tumblecal.cli.model_options import started_from_amplitudes
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_terms import Term
 from tumblecal.data.calibration_use import Use
@@ -194,7 +193,7 @@ def test_an_effect_that_can_be_simulated_alone_is_refused_with_its_reason(tumble
 def test_a_time_constant_is_fitted_from_amplitudes_of_typical_size(tmp_path):
     """At amplitude zero the constant changes no reading: such a rig was rejected as undetermined, whatever the data."""
     rig = package.read_rig(rig_file(tmp_path, "warm_up"))
-    chain = started_from_amplitudes(rig.chain(rig.where))
+    chain = rig.chain(rig.where).started()
     start = dict(zip(chain.names, chain.vector.tolist(), strict=True))
     assert [start[f"warm_up_{axis}"] for axis in "xyz"] == [1e-3] * 3 and start["warm_up_tau"] > 0
     assert start["bias_x"] == 0
@@ -214,7 +213,7 @@ def test_a_warm_up_converges_wherever_its_time_constant_is(tmp_path, amplitudes,
     readings = readings + 1e-3 * np.outer(np.exp(-since / (share * duration)), amplitudes) + noise
     data = PositionSet(tuple(f"p{k}" for k in range(36)), alpha, beta, readings, time_s=since)
     chain = package.read_rig(rig_file(tmp_path, "warm_up")).chain(where_of(data))
-    fit = exact.fit(problem_of(data, started_from_amplitudes(chain), noise_sd=1e-4))
+    fit = exact.fit(problem_of(data, chain.started(), noise_sd=1e-4))
     assert fit.code.good
     # The estimate of its rate is nearly normal, that of the constant is not.
     tau, sd = fit.value("warm_up_tau"), fit.sd[fit.names.index("warm_up_tau")]

@@ -13,6 +13,7 @@ from tumblecal.chain.nominal import LINKS, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.where import Where
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import faults_of
 from tumblecal.ground.soaks import soaks
 from tumblecal.ground.strict_toml import Number, Strict
 from tumblecal.ground.temperature_functions import (
@@ -83,14 +84,12 @@ class RigTemperature:
         for name, how in self.leaves.items():
             if not how.count:
                 continue
-            try:
+            with faults_of(name):
                 if fitted:
                     require_temperature(name, where)
                     _require_soaks(name, how, soaks(np.asarray(where.temperature_degc)))
                 reference, limits = self.reference_and_range(name, where)
                 functions = TemperatureFunctions(how.order, reference, limits, how.knots_degc)
-            except InputError as error:
-                raise InputError([f"{name}: {fault}" for fault in error.faults]) from error
             made[name] = replace(leaves.get(name, usual[name]), follows=functions)
         return made
 

@@ -11,10 +11,11 @@ from tumblecal.data.cells import advice
 from tumblecal.data.column_names import FORCE, NUMBERS, RATE, parsed, role_of
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import pairs
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
 from tumblecal.recordings.clock_column import clock_among, clock_with_unit, letters_t
-from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, is_number, pairs
+from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, is_number
 from tumblecal.recordings.guesses import question
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
@@ -123,7 +124,9 @@ def _scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[st
     for role in filter(found.__contains__, (*FORCE, *RATE)):
         found[role] = replace(found[role], bits=options.signed or 0)
     for option, text in (("scale", options.scale), ("offset", options.offset)):
-        given = pairs(text, f"--{option}") if "=" in text else dict.fromkeys(FORCE, text) if text else {}
+        given = (
+            pairs(f"--{option}", text, "ax=0.5,ay=0.4") if "=" in text else dict.fromkeys(FORCE, text) if text else {}
+        )
         for role, number in given.items():
             value = float(number) if is_number(number) else np.nan
             if role not in found:

@@ -10,7 +10,8 @@ import polars as pl
 
 from tumblecal.data.column_names import FORCE, parsed
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.columns import given_columns, pairs
+from tumblecal.ground.option_texts import pairs
+from tumblecal.recordings.columns import given_columns
 from tumblecal.recordings.damage import Damage
 from tumblecal.recordings.description import described
 from tumblecal.recordings.formats import tables_of
@@ -93,7 +94,7 @@ def _chosen(path: Path, tables: Sequence[Table], options: RecordingOptions) -> T
 def _has_force(table: Table, options: RecordingOptions) -> bool:
     """Whether a table has accelerations by option, by its format or by name."""
     stated = {role.partition("_")[0] for role in table.roles.values()}
-    given = {*pairs(options.columns, "--columns")} if len(table.columns) > 2 else set[str]()
+    given = {*pairs("--columns", options.columns, "ax=AccX,ay=AccY,az=AccZ")} if len(table.columns) > 2 else set[str]()
     names = [parsed(column) for column in table.columns]
     axes = {name.axis for name in names if name.quantity == "acceleration" and name.axis}
     return {*FORCE} <= stated or {*FORCE} <= given or len(axes) > 2
@@ -101,7 +102,7 @@ def _has_force(table: Table, options: RecordingOptions) -> bool:
 
 def _of_sensor(path: Path, table: Table, options: RecordingOptions) -> Table:
     """The rows of one sensor of a table, by the option `--rows`."""
-    name, value = next(iter(pairs(options.rows, "--rows").items()))
+    name, value = next(iter(pairs("--rows", options.rows, "sensor=1").items()))
     if name not in table.columns:
         raise InputError(f"{path}: --rows {options.rows}: no such column; the table has {', '.join(table.columns)}")
     text = pl.col(name).cast(pl.String).str.strip_chars()
