@@ -147,10 +147,8 @@ class Batch:
         from tumblecal.ground.result_set import result_set
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_calibration import lacking_of_diagnosis
-        from tumblecal.report.diagnosis_details import warning_words
-        from tumblecal.report.diagnosis_files import write_diagnosis
-        from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
         from tumblecal.report.summary import diagnosis_row
+        from tumblecal.show.diagnosis import verdict_of_diagnosis, words_of_diagnosis, write_diagnosis
         from tumblecal.show.verdict import verdict_lines
 
         if isinstance(read, InputError):
@@ -176,11 +174,12 @@ class Batch:
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         figures = self.single if self.results.figures is None else self.results.figures
         head_record = model.of_head(diagnosis.problem)
-        verdict = verdict_of_diagnosis(diagnosis, plan, folder)
+        words = words_of_diagnosis(diagnosis, plan, folder)
+        verdict = verdict_of_diagnosis(diagnosis, words=words)
         with result_set(folder, DIAGNOSIS_SET) as aside:
             written = write_diagnosis(aside, diagnosis, plan, figures=figures, said=head_record, verdict=verdict)
         self.results.in_history(folder, "diagnosis", diagnosis.data.serial_number)
-        self.output.warn(diagnosis.data.source, warning_words(diagnosis))
+        self.output.warn(diagnosis.data.source, words.lines("warnings"))
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
             lines = verdict_lines(verdict, self.output.columns)

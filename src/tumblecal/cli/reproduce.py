@@ -34,10 +34,9 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
     from tumblecal.planning import next_plan
-    from tumblecal.report.diagnosis_files import write_diagnosis
-    from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.report.terminal import print_calibration
+    from tumblecal.show.diagnosis import verdict_of_diagnosis, write_diagnosis
     from tumblecal.show.narrow import print_words
     from tumblecal.show.verdict import WIDTH, verdict_lines
     from tumblecal.studies.paper_audit import audit

@@ -14,7 +14,7 @@ from tumblecal.data.calibration_use import Use, combined
 from tumblecal.data.sensor_parameters import SENSOR, correction_slope, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS, UNDETECTED
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.cause import Cause, label_words
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.determined import combinations, says_something
 from tumblecal.diagnosis.findings.model_average import Average, Weighed, is_thermal
@@ -31,7 +31,6 @@ from tumblecal.lab.effect_forms import require_forms
 from tumblecal.lab.expanded_uncertainty import DIRECTIONS, expanded_uncertainty
 from tumblecal.lab.limits import gravity_use, limits, systematic_g, undetermined_use
 from tumblecal.lab.sensor_terms import FittedEffect, SensorTerms, Signal, lacking_words, terms_of_chain
-from tumblecal.report.cause_words import label_words
 
 
 # Held-out predictions are worse if their error increases by more than this many standard errors.

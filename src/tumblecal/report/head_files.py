@@ -7,13 +7,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from tumblecal.diagnosis.causes.cause import label_words
+from tumblecal.diagnosis.record import SCHEMA
 from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.effects import Catalogue
 from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import rounded, rounded_together
-from tumblecal.report.cause_words import label_words
-from tumblecal.report.diagnosis_files import SCHEMA
 from tumblecal.report.drawing import INK, MUTED, OUTSIDE, draw_each, new_figure, save
 from tumblecal.report.head_amounts import (
     UnitRows,

@@ -1,15 +1,17 @@
 """Units on one head, or of a hand-held session, in words: common errors, outlying units, and the uncertainty of the errors."""
 
-from collections.abc import Collection, Iterator, Sequence
+import math
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from tumblecal.chain.head_file import PITCH
+from tumblecal.diagnosis.causes.cause import label_words
+from tumblecal.diagnosis.priors import SURE
 from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.diagnosis.units.search import SharedExplanation
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.counted import shortened
 from tumblecal.ground.numbers_shown import p_words, rounded_together
-from tumblecal.report.cause_words import ambiguity, label_words, probability_words
 from tumblecal.report.head_amounts import (
     UnitRows,
     between_units_words,
@@ -226,3 +228,33 @@ def _single_units(found: JointDiagnosis, units: UnitRows) -> Iterator[str]:
             "Outlying units, without the common error, with a different size of it, or with different pitch settings: "
             f"{', '.join(outlying)}.{excluded} Check them separately, the angles in their files first."
         )
+
+
+# An explanation that is this many times as probable as the next is the more probable one.
+_AHEAD = 2.0
+
+
+def probability_words(p_value: float, detected: bool) -> str:
+    """A p-value in words."""
+    if not detected and p_value < 0.05:
+        return "unusual, but the nominal model is not rejected."
+    if not detected or p_value > 0.01:
+        return "consistent with the nominal model."
+    if p_value < 1e-6:
+        return "the nominal model is rejected."
+    return (
+        "the nominal model is rejected; a correct model would produce such data in fewer than 1 of "
+        f"{10 ** math.floor(-math.log10(p_value)):,.0f} measurements."
+    )
+
+
+def ambiguity(probability: float, others: Iterable[float], *, indistinguishable: bool) -> str:
+    """The kind of an ambiguity between several causes.
+
+    `probability`: of the leading explanation, `others`: of the rest. `indistinguishable`: whether some produce the same signal.
+    """
+    if indistinguishable and probability >= SURE:
+        return "several causes fit equally well and cannot be distinguished with these positions"
+    if probability > _AHEAD * max(others, default=0.0):
+        return "one explanation is more probable than the others, but not conclusive"
+    return "several causes explain it almost equally well"

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.ground.numbers_shown import rounded_together
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN_WEAKEST, NextPlan, NextPosition
 from tumblecal.planning.promise import LEAST_WORTH_ODDS, Promise
 from tumblecal.planning.sampling import SAMPLE
-from tumblecal.report.cause_words import label_words
 from tumblecal.report.next_plan_files import conditions_words, duration, next_commands
 
 

@@ -16,11 +16,11 @@ from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
-from tumblecal.report.diagnosis_tables import invisible_table, limits_table
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings, paper_verdict
 from tumblecal.report.result_file import result_content
+from tumblecal.show.diagnosis import verdict_of_diagnosis
+from tumblecal.show.diagnosis_page import limit_tables
 from tumblecal.show.page import Section, inline_figure, page, write_sections
 from tumblecal.show.tables import Table
 from tumblecal.studies.paper_audit import Audit
@@ -59,6 +59,7 @@ def _write_page(
 ) -> None:
     folder = path.parent
     study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, table1.exact, folder)
+    limits_of = limit_tables(diagnosis)
     sections = [
         Section(
             "Audit of Table 1",
@@ -78,7 +79,7 @@ def _write_page(
                 *verdict_of_diagnosis(diagnosis, plan).words().splitlines(),
                 "Detection limits with these positions, and undetectable effects:",
             ],
-            tables=[limits_table(diagnosis), invisible_table(diagnosis)],
+            tables=[limits_of[name] for name in ("limits", "invisible")],
         ),
         Section("Findings", words),
         Section(

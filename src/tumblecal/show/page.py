@@ -171,6 +171,7 @@ def write_page(
     tone: str = "",
     tables: Mapping[str, Table] | None = None,
     figures: Mapping[str, Callable[[], Figure]] | None = None,
+    drawn: Mapping[str, str] | None = None,
     code: Mapping[str, Sequence[str]] | None = None,
     plans: Sequence[Table] = (),
 ) -> None:
@@ -184,7 +185,8 @@ def write_page(
     **Arguments:**
 
     - `path`: the HTML file. `tone`: colour of the verdict: good, named, open or bad.
-    - `tables`, `figures`, `code`: by name. `plans`: tables of the next steps, folded.
+    - `tables`, `figures`, `code`: by name. `drawn`: SVG texts of figures that exist already, by name.
+    - `plans`: tables of the next steps, folded.
     """
     tables, code, figures = tables or {}, code or {}, figures or {}
     numbered = {number: cells[3] for number, cells in enumerate(words.blocks.get("found", ()), 1) if len(cells) > 3}
@@ -193,13 +195,14 @@ def write_page(
     wanted = {
         match[2] for section in words.sections for cells in section.entries if (match := _PLACE.fullmatch(cells[0]))
     }
-    drawn = draw_each(path, {name: figure for name, figure in figures.items() if name in wanted}, inline_drawing)
+    inline = draw_each(path, {name: figure for name, figure in figures.items() if name in wanted}, inline_drawing)
+    inline |= {name: _named(svg, name) for name, svg in (drawn or {}).items()}
     write_sections(
         path,
         words.text("title"),
         words.text("lead"),
         verdict,
-        [made for one in words.sections if (made := _section(one, tables, drawn, code)) is not None],
+        [made for one in words.sections if (made := _section(one, tables, inline, code)) is not None],
         tone=tone,
         pictures=pictures,
         plans=plans,
