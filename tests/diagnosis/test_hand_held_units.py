@@ -9,8 +9,8 @@ from tumblecal.data import PositionSet
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.ground.errors import InputError
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.head_words import ATTITUDES, units_text
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 SIGMA, COUNT = 1e-4, 24

@@ -4,7 +4,7 @@ import pytest
 
 from tumblecal.diagnosis.priors import SURE
 from tumblecal.ground.numbers_shown import capped, p_words, rounded_together
-from tumblecal.report.cause_words import ambiguity
+from tumblecal.report.head_words import ambiguity
 
 
 @pytest.mark.parametrize("probability", [0.4, 0.6, SURE, 0.94, 0.999])
