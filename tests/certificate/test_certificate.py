@@ -20,8 +20,8 @@ from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.estimation import exact, problem_of
 from tumblecal.planning import NextPlan
-from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.result_file import calibration_of
+from tumblecal.show.diagnosis import write_diagnosis
 
 
 ROOT = Path(__file__).parents[2]

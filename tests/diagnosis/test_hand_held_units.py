@@ -9,7 +9,7 @@ from tumblecal.data import PositionSet
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.ground.errors import InputError
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 from tumblecal.show.units_together import verdict_of_units, words_of_units
 
 

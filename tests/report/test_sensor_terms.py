@@ -12,14 +12,13 @@ from independent import Instrument
 from independent import readings as linear_readings
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_terms import Term
-from tumblecal.data.calibration_use import Use
 from tumblecal.data.not_applied import NotApplied
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.effects.effect import OF_HEAD, OF_RUN
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.ground.errors import InputError
+from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
 from tumblecal.lab.sensor_terms import undetermined_order
-from tumblecal.report.diagnosis_details import warning_words
 
 
 NOISE_MG = 0.1
@@ -127,10 +126,8 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
 
 def test_a_diagnosis_warns_of_what_the_sensor_lacks():
     losses = [NotApplied("bias_drift.x", OF_RUN, 3.0, 1.0), NotApplied("index_eccentricity", OF_HEAD, 50.0, 20.0)]
-    held = SimpleNamespace(not_applied=losses, use=Use("yes"))
-    fit = SimpleNamespace(data=SimpleNamespace(gravity=None), problem=SimpleNamespace(chain=SimpleNamespace(free=())))
-    diagnosis = SimpleNamespace(implausible=(), setup_errors=(), extended=fit, nominal=fit, calibration=held)
-    (words,) = warning_words(diagnosis)
+    diagnosis = SimpleNamespace(calibration=SimpleNamespace(not_applied=losses))
+    (words,) = lacking_of_diagnosis(diagnosis, of_sensor=True)
     assert words.startswith("not corrected by calibration.json: bias_drift.x (up to 3 mg")
 
 

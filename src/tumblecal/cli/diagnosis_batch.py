@@ -130,10 +130,8 @@ class Batch:
         from tumblecal.ground.result_set import result_set
         from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
         from tumblecal.planning import NextPlan, next_plan
-        from tumblecal.report.diagnosis_details import warning_words
-        from tumblecal.report.diagnosis_files import write_diagnosis
-        from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
         from tumblecal.report.summary import diagnosis_row
+        from tumblecal.show.diagnosis import verdict_of_diagnosis, words_of_diagnosis, write_diagnosis
         from tumblecal.show.verdict import verdict_lines
 
         model = replace(self.model, head=head)
@@ -146,17 +144,18 @@ class Batch:
             fault = error if isinstance(error, InputError) else _unfinished(read, error)
             return Outcome(diagnosis_row(file, fault), fault.faults, f"{file}: rejected")
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
-        verdict = verdict_of_diagnosis(diagnosis, plan, folder)
+        words = words_of_diagnosis(diagnosis, plan, folder)
+        verdict = verdict_of_diagnosis(diagnosis, words=words)
         figures, head_record = self.more.figures, model.of_head(diagnosis.problem)
         with result_set(folder, DIAGNOSIS_SET) as aside:
             drawn = self.single if figures is None else figures
             write_diagnosis(aside, diagnosis, plan, figures=drawn, said=head_record, verdict=verdict)
         add_to_history(self.more.history, folder, "diagnosis", diagnosis.data.serial_number)
-        self.command.warn(diagnosis.data.source, warning_words(diagnosis))
+        self.command.warn(diagnosis.data.source, words.lines("warnings"))
         row, found = diagnosis_row(file, diagnosis), ", ".join(diagnosis.labels) or "nothing found"
-        words = [f"{file}: {diagnosis.verdict}", found, *lacking_of_diagnosis(diagnosis, of_sensor=True)]
+        short = [f"{file}: {diagnosis.verdict}", found, *lacking_of_diagnosis(diagnosis, of_sensor=True)]
         if not self.single:
-            return Outcome(row, words="; ".join(words))
+            return Outcome(row, words="; ".join(short))
         note = [self.note] if self.note and diagnosis.verdict != "adequate" else []
         lines = [*verdict_lines(verdict, self.command.columns), *note]
         return Outcome(row, show=partial(self.command.say, *lines))

@@ -33,9 +33,8 @@ def reproduce(*, out: Path = Path("study"), seed: Seed = 0) -> None:
     from tumblecal.estimation import problem_of
     from tumblecal.estimation.methods import all_methods
     from tumblecal.planning import next_plan
-    from tumblecal.report.diagnosis_files import write_diagnosis
-    from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
     from tumblecal.report.terminal import print_calibration
+    from tumblecal.show.diagnosis import verdict_of_diagnosis, write_diagnosis
     from tumblecal.show.narrow import print_words
     from tumblecal.show.paper import write_paper_study
     from tumblecal.show.verdict import WIDTH, verdict_lines

@@ -8,6 +8,7 @@ import polars as pl
 from tumblecal.data.calibration import write_calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
@@ -17,9 +18,8 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
 from tumblecal.lab.diagnosed_use import not_written
 from tumblecal.report.calibration_words import methods_words, noise_words, notes
-from tumblecal.report.cause_words import label_words
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.result_file import calibration_of
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:

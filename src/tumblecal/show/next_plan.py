@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_lines
@@ -11,7 +12,6 @@ from tumblecal.planning.next_capture import NextCapture, capture_content, next_c
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.planning.promise import LEAST_WORTH_ODDS
 from tumblecal.planning.sampling import SAMPLE
-from tumblecal.report.cause_words import label_words
 from tumblecal.show.words import Words, words_of
 
 

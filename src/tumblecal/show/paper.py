@@ -16,10 +16,10 @@ from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
-from tumblecal.report.diagnosis_tables import invisible_table, limits_table
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.paper_figures import GROUPS, draw_audit, draw_study
 from tumblecal.report.result_file import result_content
+from tumblecal.show.diagnosis import verdict_of_diagnosis
+from tumblecal.show.diagnosis_page import limit_tables
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of
@@ -46,9 +46,7 @@ def write_paper_study(
         "explanations": _explanations_table(audit),
         "methods": _methods_table(table1),
         "published": _published_table(table1.exact),
-        "limits": limits_table(diagnosis),
-        "invisible": invisible_table(diagnosis),
-    }
+    } | limit_tables(diagnosis)
     _write_page(folder / "page.html", words, tables, [folder / name for name in figures])
     return findings
 

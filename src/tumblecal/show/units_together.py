@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from tumblecal.chain.head_file import PITCH
+from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.diagnosis.units.record import units_record
 from tumblecal.diagnosis.units.sizes import UnitRows, head_sizes, level_sizes, origins, spread_sizes
@@ -12,7 +13,6 @@ from tumblecal.effects import Catalogue
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
-from tumblecal.report.cause_words import label_words
 from tumblecal.report.drawing import draw_each, save
 from tumblecal.show.figures.units import shared_figure
 from tumblecal.show.page import TONES, page, write_page

@@ -110,6 +110,11 @@ def words_of(name: str, **values: object) -> Words:
     return Words({title: of for title, of in named if not title.startswith(_SECTION)}, sections)
 
 
+def text_of(template: str, **values: object) -> str:
+    """A text with its lines as they are in a template: `words/TEMPLATE`; `values` as for `words_of`."""
+    return f"{_environment().get_template(template).render(values).translate(_SHOW)}\n"
+
+
 def _blocks(text: str) -> Iterator[tuple[str, list[list[str]]]]:
     """The name and the entries of each block."""
     for block in f"\n{text}".split(f"\n{_BLOCK}")[1:]:

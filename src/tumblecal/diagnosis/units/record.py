@@ -8,7 +8,6 @@ from tumblecal.diagnosis.units.sizes import UnitRows, head_sizes, level_sizes, o
 from tumblecal.effects import Catalogue
 
 
-SCHEMA = "tumblecal.diagnosis/1"
 _MOST_EXPLANATIONS, _LEAST_PROBABLE = 10, 1e-4
 
 
@@ -18,7 +17,7 @@ def units_record(found: JointDiagnosis, units: UnitRows, entries: Catalogue, sou
     listed = [one for one in joint.explanations if one.probability > _LEAST_PROBABLE or one is best]
     names = [name for name, _ in units]
     return {
-        "schema": SCHEMA,
+        "schema": "tumblecal.diagnosis/1",
         "source": source,
         "verdict": found.verdict,
         "text": text,
