@@ -90,7 +90,7 @@ def budget(
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
-    from tumblecal.report.budget_report import budget_text, write_budget
+    from tumblecal.show.budget import budget_text, write_budget
 
     planned = data.suffix == ".toml"
     if planned and options.rig is not None and options.rig != data:
@@ -174,13 +174,13 @@ def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
     """The fit of a position file as in `calibrate`, with its warnings; its noise is the type A part of the budget."""
     from tumblecal.estimation.methods import Calibrated, exact_fit
     from tumblecal.estimation.plausibility import implausible
-    from tumblecal.report.calibration_words import warning_words
+    from tumblecal.show.calibration import words_of_calibration
 
     positions, setup_errors = model.checked(model.read(data))
     fitted, scatter, floor, level = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)
     unusual = model.with_sources(implausible(fitted, model.usual), fitted.problem)
     made = Calibrated({"exact": fitted}, {}, unusual, tuple(setup_errors), scatter, floor, level, model.entries)
-    return fitted, list(warning_words(made))
+    return fitted, words_of_calibration(made).lines("warnings")
 
 
 def _planned(model: "StatedModel") -> "Fit":

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.data import PositionSet
     from tumblecal.estimation.methods import Calibrated
+    from tumblecal.show.words import Words
 
 
 # Exit code where a calibration must not be used.
@@ -86,7 +87,7 @@ def calibrate(
                 rows.append(_row(file, calibrated))
                 output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}{_lacking(calibrated)}")
         if not single:
-            from tumblecal.report.summary import CALIBRATED, write_summary
+            from tumblecal.lab.summary import CALIBRATED, write_summary
 
             write_summary(out / _SUMMARY, rows, CALIBRATED)
             output.say(f"written: {out}/: summary.csv, a folder for each file")
@@ -119,7 +120,7 @@ def _calibrated(
 
 def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
     """The row of the summary; polars is imported for a batch only."""
-    from tumblecal.report.summary import calibration_row
+    from tumblecal.lab.summary import calibration_row
 
     return calibration_row(file, calibrated)
 
@@ -138,28 +139,27 @@ def _report(
 ) -> None:
     """Write the results of one file, with the record of the head in its provenance; print the table of a single file."""
     from tumblecal.ground.result_set import result_set
-    from tumblecal.report.calibration_words import warning_words
-    from tumblecal.report.result_file import write_calibrated
+    from tumblecal.lab.record import write_calibrated
+    from tumblecal.show.calibration import calibration_text, words_of_calibration
 
+    words = words_of_calibration(calibrated, folder / "calibration.json")
     with result_set(folder, _SET) as aside:
         written = write_calibrated(aside, calibrated, head_record)
         if single if results.figures is None else results.figures:
             with output.working("drawing"):
-                written += _drawn(aside, calibrated)
+                written += _drawn(aside, calibrated, words)
     results.in_history(folder, "calibration", calibrated.exact.data.serial_number)
     if output.words and single:
-        from tumblecal.report.terminal import print_calibration
-
-        print_calibration(calibrated)
+        output.say(calibration_text(calibrated, words, output.columns))
         output.say(f"written: {folder}/: {', '.join(written)}")
-    output.warn(calibrated.exact.data.source, warning_words(calibrated))
+    output.warn(calibrated.exact.data.source, words.lines("warnings"))
     output.record(folder / "result.json")
 
 
-def _drawn(folder: Path, calibrated: "Calibrated") -> list[str]:
+def _drawn(folder: Path, calibrated: "Calibrated", words: "Words") -> list[str]:
     """Draw the figures and write the page; returns their names."""
     from tumblecal.report.calibration_figures import draw_calibration
-    from tumblecal.report.calibration_page import write_calibration_page
+    from tumblecal.show.calibration import write_calibration_page
 
     drawn = draw_calibration(folder, calibrated)
-    return [*drawn, *write_calibration_page(folder / "calibration.html", calibrated, drawn)]
+    return [*drawn, *write_calibration_page(folder / "calibration.html", calibrated, words)]

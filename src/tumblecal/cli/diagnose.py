@@ -182,7 +182,7 @@ def _diagnosed(
 ) -> list[str]:
     """Diagnose the files, print each result when it is ready, and write the summary of a batch; returns the faults."""
     from tumblecal.ground.result_set import remove_results
-    from tumblecal.report.summary import DIAGNOSED, write_summary
+    from tumblecal.lab.summary import DIAGNOSED, write_summary
 
     faults: list[str] = []
     rows: list[dict] = []

@@ -145,12 +145,12 @@ class Batch:
 
         from tumblecal.estimation.methods import require_measured, require_noise
         from tumblecal.ground.result_set import result_set
+        from tumblecal.lab.summary import diagnosis_row
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_calibration import lacking_of_diagnosis
         from tumblecal.report.diagnosis_details import warning_words
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-        from tumblecal.report.summary import diagnosis_row
         from tumblecal.show.verdict import verdict_lines
 
         if isinstance(read, InputError):
@@ -191,7 +191,7 @@ class Batch:
         return diagnosis_row(file, diagnosis), [], text
 
     def _refused(self, file: Path, fault: InputError) -> tuple[dict, list[str], str]:
-        from tumblecal.report.summary import diagnosis_row
+        from tumblecal.lab.summary import diagnosis_row
 
         return diagnosis_row(file, fault), list(fault.faults), "" if self.single else f"{file}: rejected"
 

@@ -202,7 +202,7 @@ def _example() -> list:
     from tumblecal.data.sensor_parameters import MOUNT, SENSOR
     from tumblecal.estimation import exact, problem_of
     from tumblecal.history.folders import paper_runs
-    from tumblecal.report.result_file import calibration_of
+    from tumblecal.lab.record import calibration_of
 
     return paper_runs(calibration_of(exact.fit(problem_of(paper.table1()))).sensor.of((*SENSOR, *MOUNT)).covariance)
 

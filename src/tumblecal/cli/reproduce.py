@@ -37,7 +37,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.report.diagnosis_files import write_diagnosis
     from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
     from tumblecal.report.paper_report import write_paper_study
-    from tumblecal.report.terminal import print_calibration
+    from tumblecal.show.calibration import calibration_text, words_of_calibration
     from tumblecal.show.narrow import print_words
     from tumblecal.show.verdict import WIDTH, verdict_lines
     from tumblecal.studies.paper_audit import audit
@@ -58,7 +58,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
             words = write_paper_study(aside, study, audited, table1, diagnosis, plan)
             verdict = verdict_of_diagnosis(diagnosis, plan, out / _DIAGNOSIS)
             write_diagnosis(aside / _DIAGNOSIS, diagnosis, plan, figures=True, verdict=verdict)
-    print_calibration(table1, console)
+    print_words(console, calibration_text(table1, words_of_calibration(table1), min(WIDTH, console.width)))
     console.print("\nFindings", style="bold")
     for text in words:
         print_words(console, f"\n{text}")

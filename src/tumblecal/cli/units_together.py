@@ -30,9 +30,9 @@ def diagnose_units(
     from tumblecal.diagnosis.units import joint_diagnosis
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import remove_results, result_set
+    from tumblecal.lab.summary import DIAGNOSED, diagnosis_row, write_summary
     from tumblecal.report.head_files import write_units
     from tumblecal.report.head_words import units_text
-    from tumblecal.report.summary import DIAGNOSED, diagnosis_row, write_summary
 
     screened: list[Screened] = []
     usable, refused = [], {}

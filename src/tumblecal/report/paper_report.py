@@ -14,13 +14,13 @@ from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
+from tumblecal.lab.record import result_content
 from tumblecal.planning import NextPlan
-from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.diagnosis_tables import invisible_table, limits_table
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings, paper_verdict
-from tumblecal.report.result_file import result_content
+from tumblecal.show.fit import TITLES
 from tumblecal.show.page import Section, inline_figure, page, write_sections
 from tumblecal.show.tables import Table
 from tumblecal.studies.paper_audit import Audit
