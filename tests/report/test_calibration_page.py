@@ -109,7 +109,7 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
     assert "The residuals contradict the stated noise (sd 0.01 mg" in small
     assert f" {exact.sd[k] * exact.sigma / SIGMA_G * 1e3:#.2g} " in small
     (code,) = re.findall("<pre>(import tumblecal.*?)</pre>", (out / "calibration.html").read_text(), re.S)
-    script = unescape(code).replace("force = ", "readings = np.eye(3)\nforce = ")
+    script = f"import numpy as np\nreadings = np.eye(3)\n{unescape(code)}"
     ran = subprocess.run(
         [sys.executable, "-c", f"{script}\nprint(force.tolist())"], cwd=out, capture_output=True, text=True, check=True
     )
