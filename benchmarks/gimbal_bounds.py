@@ -75,7 +75,7 @@ def rig_budget() -> "Budget":
 
 def largest_by_input(whole: "Budget") -> dict[str, dict[str, float]]:
     """The largest uncertainties of each kind by each input alone, for an input of one degree."""
-    from tumblecal.report.budget_report import budget_content
+    from tumblecal.budget.record import budget_content
 
     made = {}
     for given, shift in zip(whole.inputs, whole.shifts, strict=True):
@@ -100,7 +100,7 @@ def input_table(by_input: dict[str, dict[str, float]]) -> list[str]:
 
 def main() -> None:
     """Print both tables."""
-    from tumblecal.report.budget_report import budget_content
+    from tumblecal.budget.record import budget_content
 
     whole = rig_budget()
     print("\n".join(table(largest_uncertainties(budget_content(whole, None)))), end="\n\n")

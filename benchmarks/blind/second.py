@@ -22,7 +22,7 @@ from second_instrument import KINDS, NEEDS_COLUMNS, UNLISTED
 tumblecal.enable_float64()
 from tumblecal.data import PositionSet  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
-from tumblecal.report.result_file import calibration_of  # noqa: E402
+from tumblecal.lab.record import calibration_of  # noqa: E402
 
 
 SIZES = (7.0, 15.0)

@@ -19,8 +19,8 @@ from tumblecal.data.calibration import read_calibration, write_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.estimation import exact, problem_of
+from tumblecal.lab.record import calibration_of
 from tumblecal.planning import NextPlan
-from tumblecal.report.result_file import calibration_of
 from tumblecal.show.diagnosis import write_diagnosis
 
 

@@ -20,8 +20,9 @@ from tumblecal.estimation.methods import all_methods, checked
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
 from tumblecal.recordings.options import RecordingOptions
-from tumblecal.report.calibration_words import noise_words, temperature_words
+from tumblecal.show.calibration import verdict_of_calibration, words_of_calibration
 from tumblecal.show.narrow import folded
+from tumblecal.show.verdict import verdict_lines
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -116,16 +117,11 @@ def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked,
     expected = ["diagnose", "my data.csv", "--noise-sd", "0.01 mg", "--columns", "ax_g=AccX,position=pos"]
     data = replace(table1, temperature_degc=np.linspace(20, 26, 24), source="my data.csv")
     made = all_methods(StatedModel(noise_sd=1e-5).problem(data))
-    texts = (
-        made.judgements[0].advice,
-        noise_words(made.exact, made.level),
-        temperature_words(made.exact, made.entries),
-    )
-    for text in texts:
-        assert words(text) == expected
-        assert parsed(words(text))["model"].noise_sd == "0.01 mg"
-        # On a narrow terminal the command is on a line of its own, whole.
-        assert folded(text, 40).splitlines()[-1].strip() == shlex.join(["tumblecal", *expected])
+    verdict = verdict_of_calibration(made, words_of_calibration(made))
+    # On a narrow terminal the command is on a line of its own, whole.
+    for text in (folded(made.judgements[0].advice, 40), "\n".join(verdict_lines(verdict, 40))):
+        (line,) = [line.strip() for line in text.splitlines() if "tumblecal " in line]
+        assert line == shlex.join(["tumblecal", *expected]) and parsed(words(line))["model"].noise_sd == "0.01 mg"
     turned = replace(table1, readings=table1.readings[:, [1, 0, 2]], source="my data.csv")
     with pytest.raises(InputError) as refused:
         checked(turned)

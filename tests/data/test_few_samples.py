@@ -6,7 +6,7 @@ import pytest
 from tumblecal.data import PositionSet
 from tumblecal.data.few_samples import moderated
 from tumblecal.estimation.methods import calibrate
-from tumblecal.report.calibration_words import noise_words
+from tumblecal.show.fit import fit_words
 
 
 RNG = np.random.default_rng(4)
@@ -67,4 +67,6 @@ def test_few_samples_do_not_contradict_the_model(table1):
         calibrated = calibrate(data)
         floors += calibrated.floor is not None
     assert floors <= 2
-    assert calibrated.floor is not None or "sd columns of 5 samples a position" in noise_words(calibrated.exact)
+    assert calibrated.floor is not None or "sd columns of 5 samples a position" in fit_words(calibrated.exact).text(
+        "noise"
+    )

@@ -9,7 +9,7 @@ import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.methods import calibrate
-from tumblecal.report.calibration_words import noise_words
+from tumblecal.show.fit import fit_words
 
 
 FACTORS = (0.3, 1.0, 5.0, 14.0)
@@ -44,9 +44,9 @@ def test_the_uncertainty_does_not_depend_on_a_wrong_stated_level(factor, by_colu
         return
     assert made.level.too_small == (factor < 1.0)
     assert made.level.factor == pytest.approx(1.0 / factor, rel=0.2)
-    assert f"from the residuals: sd {made.level.factor * made.level.stated_g * 1e3:.2g} mg" in noise_words(
+    assert f"from the residuals: sd {made.level.factor * made.level.stated_g * 1e3:.2g} mg" in fit_words(
         made.exact, made.level
-    )
+    ).text("noise")
     assert made.judgements[0].tone != "good"
 
 

@@ -89,7 +89,7 @@ def test_what_the_settings_are_is_said(tumblecal, tmp_path):
     for command, name in (("calibrate", "result.json"), ("diagnose", "diagnosis.json")):
         done = tumblecal(command, tmp_path / "read.csv", "--no-figures", "--out", tmp_path / command)
         said = " ".join(done.out.split())
-        assert done.code == 0 and "beta_deg contains read angles" in said and "(0, 45, 90 deg;" in said
+        assert done.code == 0 and "beta_deg contains read angles" in said and "(0, 45, 90 deg)" in said
         assert (tmp_path / command / name).exists()
     result = json.loads((tmp_path / "calibrate" / "result.json").read_text())
     assert list(result["methods"]["harmonic"]["parameters"])[-1] == "dbeta_2"

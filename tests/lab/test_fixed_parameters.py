@@ -35,7 +35,7 @@ def test_six_faces_without_degrees_of_freedom_are_written_as_not_tested(tumbleca
     outcome = tumblecal(
         "calibrate", faces.source, "--fix", "gamma", "--noise-sd", "0.1mg", "--out", cal, "--no-figures"
     )
-    assert outcome.code == 0 and "use: not tested: 18 readings for 18 parameters" in outcome.out
+    assert outcome.code == 0 and "calibration.json: not tested: 18 readings for 18 parameters" in outcome.out
     content = json.loads((cal / "calibration.json").read_text(encoding="utf-8"))
     assert content["use"]["answer"] == "not tested"
     np.testing.assert_allclose(content["bias"], BIAS, atol=1e-6)

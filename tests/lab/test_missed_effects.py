@@ -14,7 +14,7 @@ from tumblecal import InputError
 from tumblecal.data import PositionSet
 from tumblecal.estimation.methods import calibrate
 from tumblecal.lab.missed_effects import missed_effects
-from tumblecal.report.result_file import calibration_of
+from tumblecal.lab.record import calibration_of
 
 
 SIGMA = 1e-4

@@ -14,8 +14,8 @@ import pytest
 from tumblecal.data import write_positions
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.methods import all_methods
-from tumblecal.report.calibration_words import noise_words
-from tumblecal.report.result_file import calibration_of
+from tumblecal.lab.record import calibration_of
+from tumblecal.show.fit import fit_words
 
 
 SIGMA_G = 0.087e-3
@@ -62,15 +62,13 @@ def test_no_degree_of_freedom_judges_nothing_and_says_why(tumblecal, tmp_path, t
     assert refused.code == 2 and len(refused.lines) == 1 and why in refused.lines[0]
     assert "state the noise (--noise-sd)" in refused.lines[0] and not (tmp_path / "out").exists()
     fit = exact.fit(problem_of(data))
-    assert (
-        noise_words(fit).startswith(f"noise: not known; goodness of fit cannot be tested: {why}")
-        and "nan" not in repr(fit).split()
-    )
+    untested = "goodness of fit cannot be tested without a degree of freedom."
+    assert fit_words(fit).text("noise") == f"Noise: not known; {untested}" and "nan" not in repr(fit).split()
     stated = all_methods(problem_of(data, noise_sd=SIGMA_G))
     (judged,) = stated.judgements
     assert judged.tone == "open" and judged.headline.startswith(f"Not tested: {why}") and judged.refused
     assert stated.use.answer == "not tested" and stated.use.words.startswith(f"not tested: {why}")
-    assert noise_words(stated.exact).startswith(f"noise: stated; goodness of fit cannot be tested: {why}")
+    assert fit_words(stated.exact).text("noise") == f"Noise: stated; {untested}"
 
 
 def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):
@@ -81,7 +79,7 @@ def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):
     assert outcome.code == 0
     page = words_of(tmp_path / "out/calibration.html")
     assert "(intervals by Student's t)" in page
-    assert "error of the model (a diagnosis separates them). Run: tumblecal diagnose " in page
+    assert "error of the model (a diagnosis separates them)" in page and "cause, run: tumblecal diagnose " in page
     assert "The positions scatter about the model by 0.09" in " ".join(outcome.out.split())
     content = json.loads((tmp_path / "out/result.json").read_text(encoding="utf-8"))
     assert content["noise"]["kind"] == "estimated"
@@ -96,25 +94,22 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
     outcome = tumblecal("calibrate", table1_file, "--noise-sd", f"{SIGMA_G * 1e3}mg", "--out", out)
     assert outcome.code == 0 and "calibration.html" in outcome.out
     words = words_of(out / "calibration.html")
-    assert words.index(
-        "USABLE The residuals are consistent with the stated noise USE calibration.json: yes, U = ".replace(
-            "USE", "Use"
-        )
-    ) < words.index("Parameters")
+    first = "USABLE The residuals are consistent with the stated noise. Use calibration.json: yes, U = "
+    assert words.index(first) < words.index("bias_x = 1.27 mg, U = 0.36 mg") < words.index("Parameters")
     exact, half = calibrated.exact, 1.959964 * calibrated.exact.sd
     for name in ("dK_x", "bias_y"):
         k = exact.names.index(name)
         u = Decimal(f"{exact.sd[k] * 1e3:#.2g}")
         value = Decimal(float(exact.values[k] * 1e3)).quantize(u)
-        assert f"{name} {value} {u} {Decimal(f'{half[k] * 1e3:#.2g}')}" in words
+        assert f"{name} {value} {u} {Decimal(float(half[k] * 1e3)).quantize(u)}" in words
     assert "dK_x + 0.93 bias_x + 0.94 dbeta_0; uncertainty 10 times the median" in words
     assert "do not rely on these" not in words
     assert tumblecal("calibrate", table1_file, "--noise-sd", "0.01mg", "--out", tmp_path / "small").code == 3
     small = words_of(tmp_path / "small" / "calibration.html")
     assert "The residuals contradict the stated noise (sd 0.01 mg" in small
     assert f" {exact.sd[k] * exact.sigma / SIGMA_G * 1e3:#.2g} " in small
-    (code,) = re.findall("<pre>(import json.*?)</pre>", (out / "calibration.html").read_text(), re.S)
-    script = unescape(code).replace("force = ", "readings = np.eye(3)\nforce = ")
+    (code,) = re.findall("<pre>(import tumblecal.*?)</pre>", (out / "calibration.html").read_text(), re.S)
+    script = f"import numpy as np\nreadings = np.eye(3)\n{unescape(code)}"
     ran = subprocess.run(
         [sys.executable, "-c", f"{script}\nprint(force.tolist())"], cwd=out, capture_output=True, text=True, check=True
     )

@@ -23,7 +23,7 @@ from tumblecal.effects.catalogue import belongs_to, catalogue
 from tumblecal.effects.effect import NO_FORMS, OF_BRANCH, OF_GROUPS, OF_MOUNT, OF_PATH, OF_RESOLUTION, OF_RUN
 from tumblecal.estimation import problem_of
 from tumblecal.estimation.fit import Code, Fit
-from tumblecal.report.result_file import calibration_of
+from tumblecal.lab.record import calibration_of
 
 
 G = 9.81

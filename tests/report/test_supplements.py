@@ -15,21 +15,22 @@ from tumblecal.show.verdict import Finding, Verdict
 
 
 SOURCE = Path(tumblecal.__file__).parent
-# A command with a figure, a card and a table that raise.
+# A command with a figure and a card that raise.
 BROKEN = """
 import sys
 import numpy as np
-from tumblecal.report import calibration_figures, calibration_page
+from tumblecal.report import calibration_figures
+from tumblecal.show import calibration
 def broken(*_):
     np.zeros(0).max()
-calibration_figures.methods_figure = calibration_page.overview_figure = calibration_page._weak = broken
+calibration_figures.methods_figure = calibration.methods_figure = calibration.overview_figure = broken
 sys.argv[0] = "tumblecal"
 from tumblecal.cli import main
 main()
 """
 
 
-def test_a_broken_figure_card_and_table_are_a_line_each(tumblecal, tmp_path, table1_file):
+def test_a_broken_figure_and_card_are_a_line_each(tumblecal, tmp_path, table1_file):
     """In a process as users start it: exit code and results are those of a run without figures."""
     out, bare = tmp_path / "out", tmp_path / "bare"
     environment = os.environ | {"PYTHONPATH": str(SOURCE.parent)}
@@ -39,7 +40,7 @@ def test_a_broken_figure_card_and_table_are_a_line_each(tumblecal, tmp_path, tab
     assert done.returncode == 0, done.stderr
     lines = done.stderr.splitlines()
     assert [line.split(" is ")[0] for line in lines] == [
-        f"WARNING: {out}/{name}" for name in ("methods.svg", "calibration.html/card 1", "calibration.html")
+        f"WARNING: {out}/{name}" for name in ("methods.svg", "calibration.html/methods", "calibration.html/card 1")
     ]
     assert all("ValueError: zero-size array" in line and line.endswith("; the results are complete") for line in lines)
     without = tumblecal(*arguments, "--out", bare, "--no-figures")

@@ -11,7 +11,11 @@ from tumblecal.chain import nominal_chain
 from tumblecal.effects.catalogue import catalogue, links
 from tumblecal.estimation.methods import calibrate
 from tumblecal.estimation.position_problem import where_of
-from tumblecal.report.calibration_words import temperature_words
+from tumblecal.show.calibration import words_of_calibration
+
+
+def temperature_words(calibrated):
+    return dict(words_of_calibration(calibrated).pairs("details")).get("Temperature", "")
 
 
 @pytest.fixture(scope="module")
@@ -23,16 +27,16 @@ def positions():
 @pytest.mark.parametrize(("rise", "said"), [(0.0, False), (1.5, False), (12.0, True)])
 def test_a_change_is_said(positions, rise, said):
     warmed = replace(positions, temperature_degc=20 + np.linspace(0, rise, len(positions)))
-    words = temperature_words(calibrate(warmed).exact, catalogue())
+    words = temperature_words(calibrate(warmed))
     assert bool(words) is said and ("changed by 12 degC" in words) is said
 
 
 def test_nothing_is_said_without_temperatures_or_where_the_chain_has_effects_of_them(positions):
-    assert temperature_words(calibrate(replace(positions, temperature_degc=None)).exact, catalogue()) == ""
+    assert temperature_words(calibrate(replace(positions, temperature_degc=None))) == ""
     warmed = replace(positions, temperature_degc=20 + np.linspace(0, 12, len(positions)))
     where = where_of(warmed)
     made = links(catalogue(), ("bias_temperature.y",), where)
     chain = nominal_chain(where)
     for link in made["bias_temperature.y"]:
         chain = chain + link
-    assert temperature_words(calibrate(warmed, chain=chain).exact, catalogue()) == ""
+    assert temperature_words(calibrate(warmed, chain=chain)) == ""

@@ -18,6 +18,9 @@ from tumblecal.effects.catalogue import Catalogue
 from tumblecal.estimation.fit import Fit
 
 
+TYPE_A = "noise (type A)"
+
+
 @dataclass(frozen=True)
 class Budget:
     """The uncertainty of a fit's parameters.
@@ -53,6 +56,11 @@ class Budget:
     def labels(self) -> tuple[str, ...]:
         """Contributions in addition to the noise: parts of a diagnosis, then the inputs."""
         return (*self.diagnosis_parts, *(given.label for given in self.inputs))
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """All contributions: the noise, then `labels`."""
+        return TYPE_A, *self.labels
 
     @property
     def sizes(self) -> Float[np.ndarray, "labels free"]:
@@ -100,6 +108,11 @@ class Budget:
         sizes, dofs = self._terms(number)
         combined = np.sqrt(np.sum(sizes**2, axis=0))
         return coverage_factors(effective_dof(sizes, dofs), self.level) * combined
+
+    @property
+    def without_each(self) -> Float[np.ndarray, "sources free"]:
+        """Expanded uncertainties without each of `sources`."""
+        return np.array([self.without(number) for number in range(len(self.sources))])
 
     @property
     def as_fit(self) -> Fit:

@@ -72,8 +72,8 @@ def budget(
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.not_applied import losses_words
     from tumblecal.data.source_of import source_of
-    from tumblecal.report.budget_report import budget_text, write_budget
-    from tumblecal.report.calibration_words import warning_words
+    from tumblecal.show.budget import budget_text, write_budget
+    from tumblecal.show.calibration import words_of_calibration
 
     if 0 < checking.monte_carlo < _FEWEST_TRIALS:
         raise InputError(f"--monte-carlo {checking.monte_carlo}: at least {_FEWEST_TRIALS} trials")
@@ -96,7 +96,7 @@ def budget(
             calibrated = None if planned else model.calibrated(model.read(data))
             fit = _planned(model) if calibrated is None else calibrated.exact
         if calibrated is not None:
-            notes = list(warning_words(calibrated))
+            notes = words_of_calibration(calibrated).lines("warnings")
         command.say(*notes)
         command.warn(data, notes)
         if not fit.code.good:

@@ -1,5 +1,6 @@
 """`tumblecal calibrate`: position files by all methods."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,11 +44,10 @@ def calibrate(
     from tumblecal.data.overwriting import CALIBRATION
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
+    from tumblecal.lab.record import write_calibrated
     from tumblecal.lab.sensor_terms import lacking_of_fit
-    from tumblecal.report.calibration_words import warning_words
-    from tumblecal.report.result_file import write_calibrated
-    from tumblecal.report.summary import CALIBRATED, calibration_row
-    from tumblecal.report.terminal import print_calibration
+    from tumblecal.lab.summary import CALIBRATED, calibration_row
+    from tumblecal.show.calibration import calibration_text, words_of_calibration
 
     files = PositionFiles(command, joining, more, data, out)
     model, figures = StatedModel.of(options), files.single if more.figures is None else more.figures
@@ -59,19 +59,21 @@ def calibrate(
             made = model.calibrated(positions)
         except InputError as fault:
             return Outcome(calibration_row(file, fault), fault.faults, f"{file}: refused")
+        words = words_of_calibration(made, folder / "calibration.json")
         with result_set(folder, _SET) as aside:
             write_calibrated(aside, made, model.of_head(made.exact.problem))
             if figures:
                 from tumblecal.report.calibration_figures import draw_calibration
-                from tumblecal.report.calibration_page import write_calibration_page
+                from tumblecal.show.calibration import write_calibration_page
 
-                write_calibration_page(aside / "calibration.html", made, draw_calibration(aside, made))
+                draw_calibration(aside, made)
+                write_calibration_page(aside / "calibration.html", made, words)
         add_to_history(more.history, folder, "calibration", made.exact.data.serial_number)
-        command.warn(made.exact.data.source, warning_words(made))
+        command.warn(made.exact.data.source, words.lines("warnings"))
         row = calibration_row(file, made)
-        lacking = "".join(f" ({words})" for words in lacking_of_fit(made.exact, made.entries, of_sensor=True))
-        words = f"{file}: {row['judgement']}{lacking}"
-        return Outcome(row, (), words, lambda: command.words and print_calibration(made), made.use.refused)
+        lacking = "".join(f" ({loss})" for loss in lacking_of_fit(made.exact, made.entries, of_sensor=True))
+        text = calibration_text(made, words, command.columns)
+        return Outcome(row, (), f"{file}: {row['judgement']}{lacking}", partial(command.say, text), made.use.refused)
 
     read = files.read(model, options, CALIBRATION, _SET)
     with output_folders([out]):

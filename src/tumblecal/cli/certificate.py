@@ -53,7 +53,7 @@ def certificate(
     from tumblecal.data.uncertainty_parts import contribution_words
     from tumblecal.ground.atomic import write_text
     from tumblecal.ground.option_texts import numbers
-    from tumblecal.report.certificate_page import write_certificate
+    from tumblecal.show.certificate import write_certificate
 
     if folder.is_file():
         raise InputError(f"{folder}: a file; give the output folder of calibrate or diagnose, {folder.parent}")

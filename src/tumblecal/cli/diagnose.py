@@ -78,9 +78,9 @@ def diagnose(
     from tumblecal.data.overwriting import DIAGNOSIS
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.option_texts import angles, pairs
+    from tumblecal.lab.summary import DIAGNOSED
     from tumblecal.planning import Allowed
     from tumblecal.recordings.dwells.position_samples import read_position_samples
-    from tumblecal.report.summary import DIAGNOSED
 
     files = PositionFiles(command, joining, more, data, out)
     if inputs.units and (joining.join or model.head is not None):
@@ -116,7 +116,7 @@ def _diagnose_units(files: PositionFiles, batch: Batch, read: "list[Read]", work
     """
     from tumblecal.diagnosis.units import joint_diagnosis
     from tumblecal.ground.result_set import remove_results, result_set
-    from tumblecal.report.summary import DIAGNOSED
+    from tumblecal.lab.summary import DIAGNOSED
     from tumblecal.show.units_together import verdict_of_units, words_of_units, write_units
     from tumblecal.show.verdict import verdict_lines
 

@@ -129,8 +129,8 @@ class Batch:
         from tumblecal.estimation.methods import require_measured, require_noise
         from tumblecal.ground.result_set import result_set
         from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
+        from tumblecal.lab.summary import diagnosis_row
         from tumblecal.planning import NextPlan, next_plan
-        from tumblecal.report.summary import diagnosis_row
         from tumblecal.show.diagnosis import verdict_of_diagnosis, words_of_diagnosis, write_diagnosis
         from tumblecal.show.verdict import verdict_lines
 

@@ -160,7 +160,7 @@ def _add(database: Path, added: AddedResults) -> None:
         from tumblecal.data import paper
         from tumblecal.data.sensor_parameters import MOUNT, SENSOR
         from tumblecal.estimation import exact, problem_of
-        from tumblecal.report.result_file import calibration_of
+        from tumblecal.lab.record import calibration_of
 
         # The uncertainty of the exact fit to Table 1, which is one of the runs.
         fit = exact.fit(problem_of(paper.table1()))

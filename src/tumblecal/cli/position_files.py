@@ -163,7 +163,7 @@ class PositionFiles:
         **Raises:** `InputError` with the faults of all files.
         """
         from tumblecal.ground.result_set import remove_results
-        from tumblecal.report.summary import write_summary
+        from tumblecal.lab.summary import write_summary
 
         rows, faults, refused, count = list[dict[str, Any]](), list[str](), False, len(self.files)
         if not self.single:

@@ -27,6 +27,11 @@ class Intrinsic:
     values: Float[np.ndarray, "9"]
     covariance: Float[np.ndarray, "9 9"]
 
+    @property
+    def sd(self) -> Float[np.ndarray, "9"]:
+        """Standard uncertainties."""
+        return np.sqrt(np.diag(self.covariance))
+
 
 def intrinsic(fit: Fit) -> Intrinsic:
     """The mounting-independent parameters of a nominal fit (delta method for the covariance)."""

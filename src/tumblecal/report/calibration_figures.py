@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
-from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, METHOD_COLOUR, draw_each, new_figure, save
+from tumblecal.show.fit import TITLES
 
 
 # Differences up to this many standard uncertainties have a linear scale; the band of 1 u is drawn if the data reach it.

@@ -13,23 +13,20 @@ from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
-from tumblecal.estimation.plausibility import implausible, implausible_words
+from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
 from tumblecal.lab.diagnosed_use import not_written
-from tumblecal.report.calibration_words import methods_words, noise_words, notes
-from tumblecal.report.result_file import calibration_of
+from tumblecal.lab.record import calibration_of
+from tumblecal.show.calibration import verdict_of_calibration, words_of_calibration
 from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
-    """Whether to trust it and why, the exact fit's parameters, and the other methods in a line each."""
-    exact, judged = calibrated.exact, calibrated.judgements
-    screen = exact.screen()
-    lines = [f"use: {calibrated.use.words}", judged[0].advice, *(other.words for other in judged[1:])]
-    lines += [*implausible_words(calibrated.implausible), *screen.notes, noise_words(exact, calibrated.level)]
-    lines += [*notes(calibrated), *methods_words(calibrated)]
-    return Screen(f"{screen.headline}. {judged[0].headline}", screen.header, screen.rows, list(filter(None, lines)))
+    """The verdict, the exact fit's parameters, and the other methods in a line each."""
+    screen = calibrated.exact.screen()
+    headline, *reasons = verdict_of_calibration(calibrated, words_of_calibration(calibrated)).words().splitlines()
+    return Screen(f"{calibrated.exact.data.source}: {headline}", screen.header, screen.rows, reasons)
 
 
 def diagnosis_screen(diagnosis: Diagnosis) -> Screen:

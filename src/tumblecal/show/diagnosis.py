@@ -32,12 +32,7 @@ from tumblecal.lab.extended_rig import extended_rig_text
 from tumblecal.lab.sensor_terms import held_words
 from tumblecal.planning import NextPlan
 from tumblecal.planning.record import plan_record
-from tumblecal.report.calibration_words import (
-    gravity_warning,
-    gravity_words,
-    many_settings_words,
-    read_settings_words,
-)
+from tumblecal.show.fit import fit_words
 from tumblecal.show.next_plan import next_plan_texts, next_words
 from tumblecal.show.verdict import Verdict, verdict_lines
 from tumblecal.show.words import Words, text_of, words_of
@@ -80,6 +75,7 @@ def words_of_diagnosis(
     advice: dict[str, list[str]] = {}
     for entry in named:
         advice.setdefault(entry.advice, []).append(entry.id)
+    of_fit, of_nominal = fit_words(diagnosis.extended), fit_words(diagnosis.nominal)
     return words_of(
         template,
         d=diagnosis,
@@ -95,10 +91,10 @@ def words_of_diagnosis(
         dead_zone=neighbours and neighbours.at_a_jump(best.labels),
         patchwork=neighbours and is_patchwork(best.labels, neighbours=neighbours),
         identity=identity_words(diagnosis.data),
-        gravity_warning=gravity_warning(diagnosis.extended),
-        gravity=gravity_words(diagnosis.extended),
-        many_settings=many_settings_words(diagnosis.nominal),
-        read_settings=read_settings_words(diagnosis.nominal),
+        gravity_warning=of_fit.text("gravity warning"),
+        gravity=of_fit.text("gravity"),
+        many_settings=of_nominal.text("many settings"),
+        read_settings=of_nominal.text("read settings"),
         steps=[] if plan is None else list(next_words(diagnosis, plan, folder, numbers)),
         folder=plan and folder,
         files=joined_arguments(diagnosis.data.files or [diagnosis.data.source]),

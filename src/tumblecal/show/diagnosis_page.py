@@ -10,10 +10,10 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.numbers_shown import decimals
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning import NextPlan
-from tumblecal.report.calibration_words import sensor_values
 from tumblecal.report.finding_figures import card_figures, finding_signals
 from tumblecal.report.unnamed_figure import CAPTION
 from tumblecal.show.diagnosis import harm_in_u, verdict_of_diagnosis, words_of_diagnosis
+from tumblecal.show.fit import fit_words
 from tumblecal.show.page import TONES, page, write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.verdict import Verdict
@@ -47,7 +47,7 @@ def write_diagnosis_page(
         sd_mg=1e3 * diagnosis.level * diagnosis.problem.sd,
         pitch_settings=len(np.unique(data.pitch_setting_deg)),
         mountings_measured=len({*(data.mount or "1")}),
-        values=[] if diagnosis.calibration is None else sensor_values(diagnosis.in_use.as_fit),
+        values=[] if diagnosis.calibration is None else fit_words(diagnosis.in_use.as_fit).lines("values"),
         drawn=drawn,
         signals={number: signal.label for number, signal in signals.items()},
         unnamed_caption=CAPTION,

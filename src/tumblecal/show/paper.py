@@ -14,12 +14,12 @@ from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
+from tumblecal.lab.record import result_content
 from tumblecal.planning import NextPlan
-from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.paper_figures import GROUPS, draw_audit, draw_study
-from tumblecal.report.result_file import result_content
 from tumblecal.show.diagnosis import verdict_of_diagnosis
 from tumblecal.show.diagnosis_page import limit_tables
+from tumblecal.show.fit import TITLES
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tumblecal.diagnosis import Diagnosis
     from tumblecal.estimation.methods import Calibrated
 
-# Columns of a batch, with the columns of words first.
+# Columns of a batch; these are words.
 _WORDS = ("file", "serial_number", "judgement", "use", "verdict", "causes", "fault")
 CALIBRATED = (
     *("file", "serial_number", "judgement", "fault", "use", "rms_g", "chi2_per_dof"),
@@ -25,21 +25,20 @@ DIAGNOSED = ("file", "serial_number", "verdict", "causes", "probability", "p_val
 
 def calibration_row(file: Path, calibrated: "Calibrated | InputError") -> dict[str, Any]:
     """The line of one file: serial number, judgement and use, residual rms (g), chi2/dof if the noise is stated, and the
-    parameters of the sensor with their standard uncertainties (1, g, rad); for a failed file only the fault."""
+    parameters with their standard uncertainties (1, g, rad); for a failed file only the fault."""
     if isinstance(calibrated, InputError):
         return {"file": str(file), "judgement": "refused", "fault": "; ".join(calibrated.faults)}
-    exact, judged = calibrated.exact, calibrated.judgements
-    row = {
+    exact = calibrated.exact
+    return {
         "file": str(file),
         "serial_number": exact.data.serial_number,
-        "judgement": " ".join(judgement.headline for judgement in judged),
+        "judgement": " ".join(judgement.headline for judgement in calibrated.judgements),
         "use": calibrated.use.answer,
         "rms_g": exact.rms,
         "chi2_per_dof": exact.chi2 / exact.dof if exact.noise == "stated" and exact.dof > 0 else None,
+        **dict(zip(exact.names, exact.values, strict=True)),
+        **{f"{name}_sd": sd for name, sd in zip(exact.names, exact.sd, strict=True)},
     }
-    for name, value, sd in zip(exact.names, exact.values.tolist(), exact.sd.tolist(), strict=True):
-        row |= {name: value, f"{name}_sd": sd}
-    return row
 
 
 def diagnosis_row(file: Path, diagnosis: "Diagnosis | InputError") -> dict[str, Any]:
@@ -65,5 +64,4 @@ def write_summary(path: Path, rows: Sequence[Mapping], columns: Sequence[str]) -
 
     schema = {name: pl.String if name in _WORDS else pl.Float64 for name in columns}
     with written_aside(path) as aside:
-        table = pl.DataFrame([{name: row.get(name) for name in columns} for row in rows], schema=schema)
-        table.with_columns(all_as_text()).write_csv(aside)
+        pl.DataFrame(rows, schema=schema).with_columns(all_as_text()).write_csv(aside)
