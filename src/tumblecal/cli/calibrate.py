@@ -158,8 +158,9 @@ def _report(
 
 def _drawn(folder: Path, calibrated: "Calibrated") -> list[str]:
     """Draw the figures and write the page; returns their names."""
-    from tumblecal.report.calibration_figures import draw_calibration
     from tumblecal.report.calibration_page import write_calibration_page
+    from tumblecal.show.figures.calibration import FIGURES
+    from tumblecal.show.figures.drawing import draw_each
 
-    drawn = draw_calibration(folder, calibrated)
+    drawn = [*draw_each(folder, FIGURES, calibrated, write=True)]
     return [*drawn, *write_calibration_page(folder / "calibration.html", calibrated, drawn)]

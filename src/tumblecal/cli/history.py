@@ -269,10 +269,12 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
     pages = f"tables and control charts: {suggested('history', database, serial, '--out', 'page')}"
     if out is not None:
         from tumblecal.ground.result_set import result_set
-        from tumblecal.report.history_page import draw_charts, write_history_page
+        from tumblecal.report.history_page import write_history_page
+        from tumblecal.show.figures.drawing import draw_each
+        from tumblecal.show.figures.history import figures_of
 
         with result_set(out, _SET) as aside:
-            names = draw_charts(aside, judged)
+            names = [*draw_each(aside, figures_of(judged), judged, write=True)]
             names += write_history_page(aside / "history.html", serial, judged, risk, names)
         pages = f"written: {out}/: {', '.join(names)}"
     print(f"{history_text(serial, judged, risk)}\n{pages}")

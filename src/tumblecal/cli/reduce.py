@@ -87,10 +87,11 @@ def reduce(
 
 def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
     """Draw the still intervals; returns the path of the figure, if it was drawn."""
-    from tumblecal.report.drawing import draw_each, save
-    from tumblecal.report.interval_figure import interval_figure
+    from tumblecal.show.figures.drawing import draw_each
+    from tumblecal.show.figures.interval import interval_figure
 
-    return [*draw_each(folder, {"intervals.svg": lambda: interval_figure(stillness, names)}, save).values()]
+    drawn = draw_each(folder, {"intervals.svg": interval_figure}, stillness, names, write=True)
+    return [folder / name for name in drawn]
 
 
 def _printed(reduction: "Reduction", output: Output) -> None:

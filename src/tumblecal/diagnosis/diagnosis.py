@@ -228,21 +228,21 @@ class Diagnosis(Pickled, Shown):
         return self.extended.chain
 
     plot_residuals: ClassVar[Drawing] = drawn_by(
-        "diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after."
+        "show.figures.diagnosis.angle_figure", "Residuals by spindle angle, before and after."
     )
     plot_columns: ClassVar[Drawing] = drawn_by(
-        "diagnosis_figures.column_figure", "The same by input, beta, time and temperature."
+        "show.figures.diagnosis.column_figure", "The same by input, beta, time and temperature."
     )
     plot_harmonics: ClassVar[Drawing] = drawn_by(
-        "diagnosis_figures.harmonics_figure", "Harmonics of alpha in the residuals."
+        "show.figures.diagnosis.harmonics_figure", "Harmonics of alpha in the residuals."
     )
     plot_explanations: ClassVar[Drawing] = drawn_by(
-        "diagnosis_figures.explanations_figure", "Probabilities of the explanations."
+        "show.figures.diagnosis.explanations_figure", "Probabilities of the explanations."
     )
     plot_predictive: ClassVar[Drawing] = drawn_by(
-        "evidence_figures.predictive_figure", "The residuals, with simulated ones."
+        "show.figures.evidence.predictive_figure", "The residuals, with simulated ones."
     )
-    plot_limits: ClassVar[Drawing] = drawn_by("evidence_figures.limits_figure", "Detection limit of each effect.")
+    plot_limits: ClassVar[Drawing] = drawn_by("show.figures.evidence.limits_figure", "Detection limit of each effect.")
 
     def screen(self) -> Screen:
         """The verdict and its reasons."""

@@ -267,7 +267,7 @@ class Fit(Pickled, Shown):
 
     def plot_residuals(self) -> "Figure":
         """Residuals against the spindle angle: one row for each axis, one column for each pitch setting."""
-        return of_report("calibration_figures.residuals_figure")(self)
+        return of_report("show.figures.calibration.residuals_figure")(self)
 
     def save(self, path: Path | str) -> None:
         """Write `calibration.json`, which `tumblecal.load` and `tumblecal apply` read.

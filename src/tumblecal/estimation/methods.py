@@ -94,7 +94,7 @@ class Calibrated(Pickled, Shown):
         return self._judged[1]
 
     plot_methods: ClassVar[Drawing] = drawn_by(
-        "calibration_figures.methods_figure", "Each method minus the exact fit, in its standard uncertainty."
+        "show.figures.calibration.methods_figure", "Each method minus the exact fit, in its standard uncertainty."
     )
 
     def plot_residuals(self) -> "Figure":

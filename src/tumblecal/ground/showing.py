@@ -28,7 +28,8 @@ def find_drawings_by(find: Callable[[str], Callable[..., Any]]) -> None:
 
 
 def of_report(name: str) -> Callable[..., Any]:
-    """A function that draws or describes a result, by `module.function`, such as `calibration_figures.residuals_figure`."""
+    """A function that draws or describes a result, by `module.function`, such as `notebook.save_fit`, or by its path, such as
+    `show.figures.calibration.residuals_figure`."""
     return _finders[-1](name)
 
 
@@ -120,5 +121,5 @@ class Shown:
 
     def _repr_html_(self) -> str:
         plot = getattr(self, "plot_residuals", None)
-        svg = "" if plot is None else of_report("drawing.svg_text")(plot())
+        svg = "" if plot is None else of_report("show.figures.drawing.svg_text")(plot())
         return self.screen().html(svg[svg.find("<svg") :] if svg else "")

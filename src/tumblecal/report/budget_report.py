@@ -1,13 +1,11 @@
 """An uncertainty budget: `budget.json`, tables, a figure and a page."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.figure import Figure
 
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.monte_carlo import MonteCarlo
@@ -18,20 +16,19 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.units import shown
-from tumblecal.report.drawing import INK, draw_each, new_figure, save
 from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
+from tumblecal.show.figures.budget import TYPE_A, contributions_of, shares_figure
+from tumblecal.show.figures.drawing import draw_each
 
 
 SCHEMA = "tumblecal.budget_result/1"
-TYPE_A = "noise (type A)"
 # A contribution below this share of the total is shown as none.
 _NOTHING = 1e-4
 _NONE = "-"
 # Below this many degrees of freedom a tenth changes the second digit of the coverage factor.
 _FEW_DOF = 10
-_COLOURS = ("#b8b8b8", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#7a5195")
 
 
 def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str] = ()) -> list[str]:
@@ -40,16 +37,16 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
     `notes`: reservations about the fit, for the page.
     """
     write_text(folder / "budget.json", json_text(budget_content(budget, checked)))
-    drawn = draw_each(folder, {"budget.svg": partial(_shares_figure, budget)}, save)
-    return ["budget.json", *drawn, *_write_page(folder / "budget.html", budget, checked, notes, [*drawn.values()])]
+    drawn = [*draw_each(folder, {"budget.svg": shares_figure}, budget, write=True)]
+    return ["budget.json", *drawn, *_write_page(folder / "budget.html", budget, checked, notes, drawn)]
 
 
 @page
 def _write_page(
-    path: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str], figures: Sequence[Path]
+    path: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str], figures: Sequence[str]
 ) -> None:
     alone = [Section("Independent of the mounting", tables=[intrinsic_table(budget)])] if one_sensor(budget.fit) else []
-    drawn = [inline_figure(figure, _CAPTION) for figure in figures]
+    drawn = [inline_figure(path.parent / name, _CAPTION) for name in figures]
     sections = [
         Section("Expanded uncertainties", [combined_words(budget)], tables=[combined_table(budget)]),
         *alone,
@@ -70,7 +67,7 @@ _CAPTION = "Share of each input in the variance of each parameter."
 
 def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]:
     """Contents of `budget.json`, base units."""
-    labels, without = _labels(budget), _without_each(budget)
+    labels, without = contributions_of(budget), _without_each(budget)
     parameters = {}
     for j, (name, best) in enumerate(zip(budget.names, np.argmin(without, axis=0).tolist(), strict=True)):
         parameters[name] = {
@@ -114,11 +111,6 @@ def _listed(budget: Budget, checked: MonteCarlo) -> dict[str, Any]:
     return {"trials": checked.trials, "failed": checked.failed, "parameters": by_name}
 
 
-def _labels(budget: Budget) -> list[str]:
-    """The contributions: the noise, parts of a diagnosis, the inputs."""
-    return [TYPE_A, *budget.labels]
-
-
 def _without_each(budget: Budget) -> Float[np.ndarray, "contributions free"]:
     """Expanded uncertainties without each contribution."""
     return np.array([budget.without(k) for k in range(len(budget.labels) + 1)])
@@ -149,7 +141,7 @@ def combined_words(budget: Budget) -> str:
 
 def combined_table(budget: Budget) -> Table:
     """Value, uncertainties and dominant input of each parameter."""
-    rows, labels, without = [], _labels(budget), _without_each(budget)
+    rows, labels, without = [], contributions_of(budget), _without_each(budget)
     type_b = np.linalg.norm(budget.sizes, axis=0)
     for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
@@ -184,7 +176,7 @@ def contributions_table(budget: Budget) -> Table:
         unit, factor = shown(budget.fit.units[j])
         sizes, u = [budget.type_a[j], *budget.sizes[:, j], budget.combined[j]], budget.combined[j]
         rows.append([budget.names[j], unit, *(_part(size, u, factor) for size in sizes)])
-    return Table(["parameter", "unit", *_labels(budget), "u"], rows, text=(0, 1))
+    return Table(["parameter", "unit", *contributions_of(budget), "u"], rows, text=(0, 1))
 
 
 def inputs_table(budget: Budget) -> Table:
@@ -233,7 +225,8 @@ def advice(budget: Budget) -> str:
     """The input whose improvement would reduce the uncertainties most on average."""
     gains = np.mean((1 - _without_each(budget) / budget.expanded)[:, budget.fit.shared], axis=1)
     best = int(np.argmax(gains))
-    return f"Largest contribution: {_labels(budget)[best]}. Without it U would be {100 * gains[best]:.0f} % smaller on average."
+    largest = contributions_of(budget)[best]
+    return f"Largest contribution: {largest}. Without it U would be {100 * gains[best]:.0f} % smaller on average."
 
 
 def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
@@ -245,24 +238,3 @@ def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
     if checked is not None:
         parts += ["", monte_carlo_words(budget, checked), monte_carlo_table(budget, checked)]
     return "\n".join(map(str, parts))
-
-
-def _shares_figure(budget: Budget) -> Figure:
-    places = budget.fit.shared
-    shares = np.vstack([budget.type_a, budget.sizes])[:, places] ** 2 / budget.combined[places] ** 2
-    figure = new_figure(7.5, 0.24 * len(places) + 1.2)
-    axis = figure.subplots()
-    left = np.zeros(len(places))
-    for k, (label, share) in enumerate(zip(_labels(budget), shares, strict=True)):
-        axis.barh(
-            np.arange(len(places)), share * 100, left=left, label=label, color=_COLOURS[k % len(_COLOURS)], height=0.7
-        )
-        left += share * 100
-    axis.set_yticks(np.arange(len(places)), [budget.names[j] for j in places])
-    axis.invert_yaxis()
-    axis.grid(axis="y", visible=False)
-    axis.set_axisbelow(True)
-    axis.set_xlim(0, 100)
-    axis.set_xlabel("share of the variance / %", color=INK)
-    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure

@@ -28,11 +28,11 @@ from tumblecal.report.calibration_words import (
     sensor_values,
     wrong_methods,
 )
-from tumblecal.report.finding_figures import overview_figure
 from tumblecal.report.page import PageFigure, Section, chosen, inline_figure, page, write_page
 from tumblecal.report.result_file import calibration_of, strong_correlations
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence, command_at_end, ended
+from tumblecal.show.figures.calibration import overview_figure
 
 
 _CAPTIONS = {

@@ -197,9 +197,10 @@ def write_diagnosis(
     write_texts(folder, texts)
     names = [*texts]
     if figures:
-        from tumblecal.report.diagnosis_figures import draw_all
         from tumblecal.report.diagnosis_page import write_diagnosis_page
+        from tumblecal.show.figures.diagnosis import figures_of
+        from tumblecal.show.figures.drawing import draw_each
 
-        drawn = draw_all(diagnosis, folder)
+        drawn = [*draw_each(folder, figures_of(diagnosis), diagnosis, write=True)]
         names += [*drawn, *write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn, verdict)]
     return names

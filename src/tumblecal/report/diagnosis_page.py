@@ -15,11 +15,11 @@ from tumblecal.report.calibration_words import sensor_values
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_details import CAUSES, CHANGES, GAIN, HELD, LACKING, UNCERTAINTIES, UNDETERMINED
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.finding_figures import FindingSignal, card_figures, finding_signals
 from tumblecal.report.page import TONES, PageFigure, Section, chosen, inline_figure, page, write_page
 from tumblecal.report.tables import Table
-from tumblecal.report.unnamed_figure import CAPTION as UNNAMED_CAPTION
 from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE, Verdict
+from tumblecal.show.figures.finding import FindingSignal, card_figures, finding_signals
+from tumblecal.show.figures.unnamed import CAPTION as UNNAMED_CAPTION
 
 
 CAPTIONS = {

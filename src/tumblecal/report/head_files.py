@@ -1,11 +1,8 @@
 """All files of units on one head: record, verdict, head.toml, and the page with its figure and a table of units and effects."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
-
-from matplotlib.figure import Figure
 
 from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.effects import Catalogue
@@ -14,7 +11,6 @@ from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import rounded, rounded_together
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_files import SCHEMA
-from tumblecal.report.drawing import INK, MUTED, OUTSIDE, draw_each, new_figure, save
 from tumblecal.report.head_amounts import (
     UnitRows,
     level_sizes,
@@ -28,6 +24,8 @@ from tumblecal.report.head_amounts import (
 from tumblecal.report.head_words import explanation_words, session, units_text, units_verdict
 from tumblecal.report.page import TONES, PageFigure, Section, inline_figure, page, write_page
 from tumblecal.report.tables import Table
+from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.units import shared_figure
 
 
 _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
@@ -51,7 +49,7 @@ def write_units(
     names.insert(2, "summary.csv")  # written by the command
     if not figures:
         return names
-    drawn = [*draw_each(folder, {_FIGURE: partial(shared_figure, found, entries)}, save)]
+    drawn = [*draw_each(folder, {_FIGURE: shared_figure}, found, entries, write=True)]
     return [*names, *drawn, *write_head_page(folder / "diagnosis.html", found, units, entries, drawn)]
 
 
@@ -125,7 +123,6 @@ def _unit_record(found: JointDiagnosis, number: int, name: str, row: Mapping, en
 
 
 _FIGURE = "shared_by_unit.svg"
-_MOST_PANELS = 6
 _CAPTION = (
     "Estimate of the common errors by each unit, with its standard uncertainty. Band: common value, plus and minus two "
     "standard uncertainties. Filled: outlying units."
@@ -248,27 +245,3 @@ def _sizes_by_unit(found: JointDiagnosis, number: int, entries: Catalogue) -> It
     for signal in found.shared:
         sizes = [estimates[name] for name in signal.slot.names if name in estimates]
         yield ", ".join(rounded_together(size["value"], size["sd"]) for size in sizes)
-
-
-def shared_figure(found: JointDiagnosis, entries: Catalogue) -> Figure | None:
-    """Estimates of the common errors by each unit; None if there are none."""
-    if not found.shared:
-        return None
-    coefficients = shared_coefficients(found, entries)
-    names = [name for signal in found.shared for name in signal.slot.names][:_MOST_PANELS]
-    estimates = [own_estimates(found, number, entries) for number in range(len(found.batch.units))]
-    outlying = {*found.outlying}
-    figure = new_figure(7.5, 1.0 + 1.5 * len(names))
-    axes = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
-    for name, panel in zip(names, axes, strict=True):
-        size, shown = coefficients[name], {k for k, estimate in enumerate(estimates) if name in estimate}
-        panel.axhspan(size["value"] - 2 * size["sd"], size["value"] + 2 * size["sd"], color=MUTED, alpha=0.25, lw=0)
-        panel.axhline(size["value"], color=INK)
-        for group, face in ((shown - outlying, "white"), (shown & outlying, OUTSIDE)):
-            numbers = sorted(group)
-            values, sds = ([estimates[k][name][part] for k in numbers] for part in ("value", "sd"))
-            panel.errorbar([k + 1 for k in numbers], values, sds, fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
-        panel.set_ylabel(f"{name}\n{size['unit']}")
-    axes[-1].xaxis.get_major_locator().set_params(integer=True)
-    axes[-1].set_xlabel("unit, in the order of the files")
-    return figure

@@ -6,9 +6,9 @@ It begins with a verdict: badge and headline, use, evidence, a card for each fin
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial, wraps
+from functools import wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Concatenate, ParamSpec
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from tumblecal import __version__
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.supplement import supplement
-from tumblecal.report.drawing import draw_each, svg_text
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import COMMAND, Verdict
+from tumblecal.show.figures.drawing import Figures, draw_each
 
 
 # The colour of a diagnosis.
@@ -27,7 +27,6 @@ TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexpl
 # Characters of next steps that the first screen has room for; the rest is folded.
 _ROOM = 1000
 _Content = ParamSpec("_Content")
-_Result = TypeVar("_Result")
 _SHARE = re.compile(r"0?\.\d+|1\.0*|[01]")
 
 
@@ -74,17 +73,10 @@ def inline_figure(path: Path, caption: str) -> PageFigure:
     return PageFigure(_named(path.read_text(encoding="utf-8"), path.stem), caption)
 
 
-def inline_drawing(figure: Figure, path: Path) -> str:
-    """A figure as SVG text for a page on which no other figure has the name of this `path`."""
-    return _named(svg_text(figure), path.stem)
-
-
-def inline_each(
-    path: Path, result: _Result, figures: Iterable[tuple[str, Callable[[_Result], Figure]]], captions: Mapping[str, str]
-) -> dict[str, PageFigure]:
-    """Figures of a result on a page by name, without those that fail."""
-    drawn = draw_each(path, {name: partial(figure_of, result) for name, figure_of in figures}, inline_drawing)
-    return {name: PageFigure(svg, captions[name]) for name, svg in drawn.items()}
+def inline_each(path: Path, result: object, figures: Figures, captions: Mapping[str, str]) -> dict[str, PageFigure]:
+    """Figures of a result on a page by name, without those that are None or fail."""
+    drawn = draw_each(path, figures, result)
+    return {name: PageFigure(_named(svg, name), captions[name]) for name, svg in drawn.items()}
 
 
 def chosen(drawn: Mapping[str, PageFigure], *names: str) -> list[PageFigure]:
@@ -122,7 +114,7 @@ def write_page(
     sections: Iterable[Section],
     *,
     tone: str = "",
-    pictures: Mapping[int, Callable[[], Figure]] | None = None,
+    pictures: Mapping[int, Callable[[], Figure | None]] | None = None,
     plans: Sequence[Table] = (),
     values: Sequence[str] = (),
 ) -> None:
@@ -141,7 +133,7 @@ def write_page(
     environment.filters |= {"typeset": _typeset, "share": _share}
     shown, folded = _next_steps(verdict)
     cards = {f"card {number}": figure_of for number, figure_of in (pictures or {}).items()}
-    drawn, made = draw_each(path, cards, inline_drawing), list[Section]()
+    drawn, made = {name: _named(svg, name) for name, svg in draw_each(path, cards).items()}, list[Section]()
     with supplement(path):
         made.extend(sections)
     text = environment.get_template("page.html").render(

@@ -19,10 +19,11 @@ from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.diagnosis_tables import invisible_table, limits_table
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.page import Section, inline_figure, page, write_page
-from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings, paper_verdict
 from tumblecal.report.result_file import result_content
 from tumblecal.report.tables import Table
+from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.paper import AUDIT_CAPTION, AUDIT_FIGURES, CAPTIONS, FIGURES
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 
@@ -58,13 +59,14 @@ def _write_page(
     words: list[str],
 ) -> None:
     folder = path.parent
-    study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, table1.exact, folder)
+    study_figures = draw_each(folder, FIGURES, study, write=True)
+    audit_figures = draw_each(folder, AUDIT_FIGURES, audit, table1.exact, write=True)
     sections = [
         Section(
             "Audit of Table 1",
             ["Residuals of the table that the paper calls measured, under three sets of parameters."],
             tables=[_explanations_table(audit)],
-            figures=[inline_figure(folder / name, caption) for name, caption in audit_figures.items()],
+            figures=[inline_figure(folder / name, AUDIT_CAPTION) for name in audit_figures],
         ),
         Section("Table 1 by all methods", tables=[_methods_table(table1)]),
         Section(
@@ -83,7 +85,7 @@ def _write_page(
         Section("Findings", words),
         Section(
             "Simulation: the paper's figures 4 to 9",
-            figures=[inline_figure(folder / name, caption) for name, caption in study_figures.items()],
+            figures=[inline_figure(folder / name, CAPTIONS[name]) for name in study_figures],
         ),
         Section("Files", tables=[Table(["file", "contents"], _FILES, text=(0, 1))]),
     ]

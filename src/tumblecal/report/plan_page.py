@@ -6,7 +6,6 @@ from pathlib import Path
 
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.report.page import PageFigure, Section, chosen, inline_each, page, write_page
-from tumblecal.report.plan_figures import figures_of, small_figure, small_use_figure
 from tumblecal.report.plan_files import capture_commands
 from tumblecal.report.plan_tables import (
     assumption_table,
@@ -32,6 +31,7 @@ from tumblecal.report.plan_words import (
     undetermined_lines,
 )
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+from tumblecal.show.figures.plan import FIGURES, in_use_figure, uncertainty_figure
 
 
 _CAPTIONS = {
@@ -47,17 +47,14 @@ _CAPTIONS = {
 @page
 def write_plan_page(path: Path, plan: DesignedPlan) -> None:
     """Write the page."""
-    pictures = {1: partial(small_figure, plan)}
-    if not plan.after.uncertainties.undetermined:
-        pictures[2] = partial(small_use_figure, plan)
     write_page(
         path,
         f"Plan for {plan.rig.title or Path(plan.rig.source).name}",
         f"{size_words(plan)}.",
         _verdict(plan, path.parent),
-        _sections(plan, inline_each(path, plan, figures_of(plan), _CAPTIONS)),
+        _sections(plan, inline_each(path, plan, FIGURES, _CAPTIONS)),
         tone="named",
-        pictures=pictures,
+        pictures={1: partial(uncertainty_figure, plan, card=True), 2: partial(in_use_figure, plan, card=True)},
     )
 
 

@@ -10,7 +10,6 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import changed
 from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.report.page import PageFigure, Section, chosen, inline_each, page, write_page
-from tumblecal.report.thermal_figures import figures_of, small_figure
 from tumblecal.report.thermal_tables import (
     coefficient_table,
     held_out_table,
@@ -32,6 +31,7 @@ from tumblecal.report.thermal_words import (
     undetermined_words,
 )
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+from tumblecal.show.figures.thermal import FIGURES, small_figure
 from tumblecal.thermal.result import ThermalResult
 
 
@@ -60,7 +60,7 @@ def write_thermal_page(path: Path, result: ThermalResult) -> None:
         f"Calibration over temperature of {_name(result.table.source)}",
         _lead(result),
         thermal_verdict(result, path.parent),
-        _sections(result, inline_each(path, result, figures_of(result), _CAPTIONS)),
+        _sections(result, inline_each(path, result, FIGURES, _CAPTIONS)),
         tone=_TONES.get(answer, "good"),
         pictures=pictures,
     )

@@ -85,8 +85,9 @@ def run_study(
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.report.study_answers import answer_of, print_answer
-    from tumblecal.report.study_figures import draw
     from tumblecal.report.study_page import write_study_page
+    from tumblecal.show.figures.drawing import draw_each
+    from tumblecal.show.figures.study import FIGURES
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study, unused_of_head
 
@@ -110,7 +111,7 @@ def run_study(
     written = list[str]()
 
     def shown(aside: Path, content, frames) -> None:
-        figures = draw(kind, content, frames, aside)
+        figures = [aside / name for name in draw_each(aside, FIGURES[kind], content, frames, write=True)]
         page = write_study_page(
             aside / f"{kind}.html", kind, content, frames, answer_of(kind, content, frames), figures
         )

@@ -1,0 +1,33 @@
+"""Figure of units on one head: the common errors as each unit shows them."""
+
+from matplotlib.figure import Figure
+
+from tumblecal.diagnosis.units import JointDiagnosis
+from tumblecal.effects import Catalogue
+from tumblecal.report.head_amounts import own_estimates, shared_coefficients
+from tumblecal.show.figures.drawing import INK, OUTSIDE, new_panels
+from tumblecal.show.figures.panels import noise_band
+
+
+_MOST_PANELS = 6
+
+
+def shared_figure(found: JointDiagnosis, entries: Catalogue) -> Figure | None:
+    """Estimates of the common errors by each unit; None if there are none."""
+    if not found.shared:
+        return None
+    common = shared_coefficients(found, entries)
+    names = [name for signal in found.shared for name in signal.slot.names][:_MOST_PANELS]
+    estimates = [own_estimates(found, number, entries) for number in range(len(found.batch.units))]
+    figure, panels = new_panels(1.0 + 1.5 * len(names), len(names), sharex=True)
+    for name, panel in zip(names, panels[:, 0], strict=True):
+        noise_band(panel, 2 * common[name]["sd"], middle=common[name]["value"])
+        for number, estimate in enumerate(estimates):
+            if (size := estimate.get(name)) is not None:
+                face = OUTSIDE if number in found.outlying else "white"
+                panel.errorbar(number + 1, size["value"], size["sd"], fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
+        panel.set_ylabel(f"{name}\n{common[name]['unit']}")
+    last = panels[-1, 0]
+    last.locator_params(axis="x", integer=True)
+    last.set_xlabel("unit, in the order of the files")
+    return figure
