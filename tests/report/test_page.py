@@ -9,11 +9,11 @@ import pytest
 from reading_html import Cells
 
 from tumblecal.data import paper
-from tumblecal.report.drawing import new_figure
 from tumblecal.report.page import Section, inline_figure, write_page
-from tumblecal.report.paper_figures import draw_study
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Finding, Unresolved, Verdict
+from tumblecal.show.figures.drawing import new_panel
+from tumblecal.show.figures.paper import FIGURES
 
 
 NOTHING = Verdict("", "", "", "")
@@ -81,8 +81,8 @@ def test_the_first_screen_is_a_headline_cards_and_what_to_run(page):
 
 
 def spark():
-    figure = new_figure(3.9, 1.55)
-    figure.subplots().plot([0, 1])
+    figure, panel = new_panel(1.55, 3.9)
+    panel.plot([0, 1])
     return figure
 
 
@@ -140,10 +140,8 @@ def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium,
     assert seen["wide"] <= 0 and seen["tops"] == sorted(seen["tops"]) and len({*seen["tops"]}) == 3
 
 
-def test_the_exact_line_lies_above_kalman_s_and_bands_are_named(study, tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr("tumblecal.report.paper_figures.save", lambda figure, path: drawn.append(figure))
-    draw_study(study, tmp_path)
+def test_the_exact_line_lies_above_kalman_s_and_bands_are_named(study):
+    drawn = [figure_of(study) for figure_of in FIGURES.values()]
     assert len(drawn) == 6
     for figure in drawn:
         for axes in figure.axes:

@@ -12,6 +12,7 @@ import tumblecal
 from tumblecal.ground.errors import SupplementWarning
 from tumblecal.report.page import Section, write_page
 from tumblecal.report.verdict import Finding, Verdict
+from tumblecal.show.figures.calibration import FIGURES
 
 
 SOURCE = Path(tumblecal.__file__).parent
@@ -19,10 +20,11 @@ SOURCE = Path(tumblecal.__file__).parent
 BROKEN = """
 import sys
 import numpy as np
-from tumblecal.report import calibration_figures, calibration_page
+from tumblecal.report import calibration_page
+from tumblecal.show.figures import calibration
 def broken(*_):
     np.zeros(0).max()
-calibration_figures.methods_figure = calibration_page.overview_figure = calibration_page._weak = broken
+calibration.FIGURES["methods.svg"] = calibration_page.overview_figure = calibration_page._weak = broken
 sys.argv[0] = "tumblecal"
 from tumblecal.cli import main
 main()
@@ -53,7 +55,7 @@ def test_a_broken_figure_card_and_table_are_a_line_each(tumblecal, tmp_path, tab
 
 
 def test_an_error_in_a_figure_is_an_error_in_tests(tumblecal, tmp_path, table1_file, monkeypatch):
-    monkeypatch.setattr("tumblecal.report.calibration_figures.methods_figure", lambda _: 1 / 0)
+    monkeypatch.setitem(FIGURES, "methods.svg", lambda _: 1 / 0)
     with pytest.raises(SupplementWarning, match=r"methods\.svg is missing or incomplete \(ZeroDivisionError"):
         tumblecal("calibrate", table1_file, "--out", tmp_path / "out")
 

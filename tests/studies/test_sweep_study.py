@@ -5,8 +5,9 @@ import pytest
 
 from tumblecal.ground.errors import InputError
 from tumblecal.report.study_answers import answer_of
-from tumblecal.report.study_figures import draw
 from tumblecal.report.study_page import write_study_page
+from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.study import FIGURES
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 from tumblecal.studies.sweep import Sweep, points_of
@@ -61,7 +62,7 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert content["units"] == {"study.inject.second_order.y": "mg/g^2"}
     answer = answer_of("sweep", content, frames)
     assert answer.table.header[0] == "second_order.y, mg/g^2" and "(second_order.y 1.0 mg/g^2)" in answer.headline
-    figures = draw("sweep", content, frames, tmp_path)
+    figures = [tmp_path / name for name in draw_each(tmp_path, FIGURES["sweep"], content, frames, write=True)]
     assert "study.inject.second_order.y, mg/g^2" in figures[0].read_text()
     page = tmp_path / "sweep.html"
     write_study_page(page, "sweep", content, frames, answer, figures)

@@ -1,7 +1,6 @@
 """`plan.html`: a designed plan on one page."""
 
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 from tumblecal.design.plan import DesignedPlan
@@ -31,6 +30,7 @@ from tumblecal.report.plan_words import (
     undetermined_lines,
 )
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+from tumblecal.show.figures.drawing import in_card
 from tumblecal.show.figures.plan import FIGURES, in_use_figure, uncertainty_figure
 
 
@@ -54,7 +54,10 @@ def write_plan_page(path: Path, plan: DesignedPlan) -> None:
         _verdict(plan, path.parent),
         _sections(plan, inline_each(path, plan, FIGURES, _CAPTIONS)),
         tone="named",
-        pictures={1: partial(uncertainty_figure, plan, card=True), 2: partial(in_use_figure, plan, card=True)},
+        pictures={
+            1: lambda: in_card(uncertainty_figure(plan), 2.3),
+            2: lambda: in_card(in_use_figure(plan), 2.0),
+        },
     )
 
 

@@ -125,8 +125,3 @@ def _by_parameters(result: ThermalResult) -> Float[np.ndarray, "rows 3 9"]:
     ):
         slope[:, axis, SENSOR.index(name)] = share
     return slope
-
-
-def leaves(result: ThermalResult) -> list[str]:
-    """The leaves of the parameters that follow temperature, in the order of `SENSOR`."""
-    return [*dict.fromkeys(leaf_of(name) for name in SENSOR if name in varying(result))]

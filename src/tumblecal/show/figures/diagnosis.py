@@ -5,20 +5,18 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.residuals import discrepancies
 from tumblecal.ground.axes import AXES
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_tables import leading
-from tumblecal.show.figures.drawing import BLUE, INK, MUTED, OUTSIDE, WIDTH, Figures, new_panel, new_panels
-from tumblecal.show.figures.evidence import limits_figure, models_of, predictive_figure
+from tumblecal.show.figures.drawing import BLUE, INK, MUTED, OUTSIDE, WIDTH, Figures, new_panels
+from tumblecal.show.figures.evidence import limits_figure, models_of, noise_of, predictive_figure
 from tumblecal.show.figures.finding import finding_figure, finding_signals
-from tumblecal.show.figures.panels import name_rows, with_legend
+from tumblecal.show.figures.panels import new_rows, with_legend
 from tumblecal.show.figures.residuals import Column, Group, angle_columns, residual_figure
 from tumblecal.show.figures.unnamed import unnamed_figure
 from tumblecal.show.figures.variables import conditions
@@ -84,11 +82,6 @@ def _residuals(diagnosis: Diagnosis, columns: list[Column]) -> Figure:
     return residual_figure(columns, noise, reach[:, None])
 
 
-def noise_of(diagnosis: Diagnosis) -> Float[np.ndarray, "3"]:
-    """Standard deviation of the noise of each axis under the noise model in use, g."""
-    return diagnosis.level / np.median(1.0 / diagnosis.problem.sd, axis=0)
-
-
 def explanations_figure(diagnosis: Diagnosis) -> Figure:
     """Probability of the leading explanations; light: of the class of indistinguishable sets."""
     listed = leading(diagnosis, _LEAST_SHOWN, _MOST_EXPLANATIONS)
@@ -96,13 +89,13 @@ def explanations_figure(diagnosis: Diagnosis) -> Figure:
     for explanation in listed:
         more = f" (or\u00a0{len(explanation.equivalents)}\u00a0more)" if explanation.equivalents else ""
         names.append(textwrap.fill((label_words(explanation.labels) or "adequate") + more, _LABEL_WIDTH))
-    figure, panel = new_panel(0.3 * len(listed) + 0.1 * "".join(names).count("\n") + 0.95)
+    height = 0.3 + 0.1 * "".join(names).count("\n") / len(names)
+    figure, panel = new_rows(names, height, "posterior probability (linear screen)")
     rows = range(len(listed))
     of_class, alone = ([e.class_probability for e in listed], [e.own_probability for e in listed])
     panel.barh(rows, of_class, color="#cfdcea", label="class of indistinguishable explanations")
     panel.barh(rows, alone, color=BLUE, label="this one alone")
-    name_rows(panel, names)
-    panel.set(xlim=(0, 1), xlabel="posterior probability (linear screen)")
+    panel.set_xlim(0, 1)
     return with_legend(figure)
 
 
@@ -125,20 +118,19 @@ def harmonics_figure(diagnosis: Diagnosis) -> Figure | None:
     for (name, _), row in zip(found.items(), panels, strict=True):
         for axis, panel in zip(AXES, row, strict=True):
             cells = [[sizes.get((name, axis, setting, wave), np.inf) for wave in waves] for setting in settings]
-            image = _table(panel, cells)
+            _table(panel, cells)
             panel.set_title(f"axis {axis}, {name}")
             panel.set_xticks(range(len(waves)), names, fontsize=6.5)
             panel.set_yticks(range(len(settings)), betas, fontsize=7)
         row[0].set_ylabel("beta / °")
     for panel in panels[-1]:
         panel.set_xlabel("harmonic of alpha")
-    figure.colorbar(
-        image, ax=panels, shrink=0.9, aspect=12 * len(found), extend="both", label="harmonic / standard deviation"
-    )
+    look = {"shrink": 0.9, "aspect": 12 * len(found), "extend": "both", "label": "harmonic / standard deviation"}
+    figure.colorbar(panels[0, 0].images[0], ax=panels, **look)
     return figure
 
 
-def _table(panel: Axes, cells: Sequence[Sequence[float | None]]) -> AxesImage:
+def _table(panel: Axes, cells: Sequence[Sequence[float | None]]) -> None:
     """Cells coloured by size; crossed if fitted parameters absorb the harmonic completely (None)."""
     values = np.ma.masked_invalid(np.array(cells, float))
     for (row, column), size in np.ndenumerate(np.array(cells, object)):
@@ -152,4 +144,4 @@ def _table(panel: Axes, cells: Sequence[Sequence[float | None]]) -> AxesImage:
     panel.spines[:].set_visible(False)
     panel.grid(visible=False)
     panel.tick_params(length=0)
-    return panel.imshow(values, aspect="auto", cmap="RdBu_r", vmin=-_RANGE, vmax=_RANGE)
+    panel.imshow(values, aspect="auto", cmap="RdBu_r", vmin=-_RANGE, vmax=_RANGE)

@@ -38,6 +38,7 @@ STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
+    "date.converter": "concise",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.edgecolor": "#555555",
@@ -66,10 +67,18 @@ def new_panels(
     return figure, figure.subplots(rows, columns, squeeze=False, **shared)
 
 
-def new_panel(height: float, width: float = WIDTH) -> tuple[Figure, Axes]:
-    """A figure with one panel."""
+def new_panel(height: float, width: float = WIDTH, **labels: str) -> tuple[Figure, Axes]:
+    """A figure with one panel; `labels`: such as `xlabel`."""
     figure, panels = new_panels(height, width=width)
+    panels[0, 0].set(**labels)
     return figure, panels[0, 0]
+
+
+def in_card(figure: Figure | None, height: float) -> Figure | None:
+    """A figure in the size of a card."""
+    if figure is not None:
+        figure.set_size_inches(CARD, height)
+    return figure
 
 
 def svg_text(figure: Figure) -> str:

@@ -1,6 +1,6 @@
 """Figures of the evidence: posterior predictive check, and detection limits relative to the sizes met in practice."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,8 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.residuals import Check, normal_quantiles
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.units import in_words
-from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, OUTSIDE, WIDTH, new_panel
-from tumblecal.show.figures.panels import curve, marks, name_rows, plain_log, with_legend
+from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, OUTSIDE, WIDTH
+from tumblecal.show.figures.panels import Values, curve, marks, name_rows, new_rows, plain_log, with_legend
 
 
 # Names of the statistics on the figure.
@@ -40,6 +40,11 @@ def models_of(diagnosis: Diagnosis) -> dict[str, Fit]:
     return {"nominal model": diagnosis.nominal, "extended model": diagnosis.extended}
 
 
+def noise_of(diagnosis: Diagnosis) -> Float[np.ndarray, "3"]:
+    """Standard deviation of the noise of each axis under the noise model in use, g."""
+    return diagnosis.level / np.median(1.0 / diagnosis.problem.sd, axis=0)
+
+
 def predictive_figure(diagnosis: Diagnosis) -> Figure:
     """Every statistic of the residuals within its simulated distribution, and normal quantile plots; before and after."""
     models = models_of(diagnosis)
@@ -64,7 +69,6 @@ def _statistics(panel: Axes, found: Mapping[str, Sequence[Check]]) -> None:
         name_rows(panel, [WORDS.get(check.name, check.name) for check in checks])
     panel.set_xticks([0, 1], ["lower limit", "upper limit"])
     panel.set_xlim(-_EDGE - 0.05, 1 + _EDGE + 0.05)
-    panel.spines["left"].set_visible(False)
     panel.set_title("Statistics of the residuals: measured (marks), and of data simulated from the fitted model (bars)")
 
 
@@ -105,36 +109,33 @@ def _quantiles(panel: Axes, fit: Fit, name: str) -> None:
 
 def limits_figure(diagnosis: Diagnosis) -> Figure | None:
     """Detection limits divided by typical sizes, a row for each effect; None if no effect is detectable."""
-    rows = _limits_by_effect(diagnosis)
-    limits = np.array([size for row in rows.values() for sizes in row.values() for size in sizes])
-    if not np.any(np.isfinite(limits)):
+    found = list(_relative_limits(diagnosis))
+    limits = np.concatenate([np.zeros(0), *(sizes for *_, sizes in found)])
+    if np.all(np.isnan(limits)):
         return None
-    figure, panel = new_panel(0.19 * len(rows) + 1.1)
+    names = [*dict.fromkeys(name for name, *_ in found)]
+    figure, panel = new_rows(names, 0.19, "detection limit / typical size (in brackets)", 7)
     low, edge = 0.7 * np.nanmin([*limits, 0.5]), 3 * np.nanmax([*limits, 2.0])
     panel.axvspan(low, 1, color="#eef5ee", lw=0)
     panel.axvline(1, color=INK, lw=0.9)
-    for line, row in enumerate(rows.values()):
-        for axis, sizes in row.items():
-            colour, words, shift = _OF_AXIS[axis]
-            height, hidden = np.full(len(sizes), line + shift), np.isnan(sizes)
-            panel.plot(sizes, height, "o-", color=colour, lw=0.8, label=words)
-            marks(panel, edge + 0 * height[hidden], height[hidden], colour, "undetectable at any size", marker="x")
-    name_rows(panel, list(rows), size=7)
-    panel.set(xscale="log", xlim=(low, 1.3 * edge), xlabel="detection limit / typical size (in brackets)")
+    for name, axis, sizes in found:
+        colour, words, shift = _OF_AXIS[axis]
+        row, hidden = np.full(len(sizes), names.index(name) + shift), np.isnan(sizes)
+        panel.plot(sizes, row, "o-", color=colour, lw=0.8, label=words)
+        marks(panel, edge + 0 * row[hidden], row[hidden], colour, "undetectable at any size", marker="x")
+    panel.set(xscale="log", xlim=(low, 1.3 * edge))
     plain_log(panel.xaxis)
     return with_legend(figure, 5)
 
 
-def _limits_by_effect(diagnosis: Diagnosis) -> dict[str, dict[str, Float[np.ndarray, " coefficients"]]]:
-    """Effects that differ only in the axis in one row, in the order of the catalogue: sorted limits of each axis ("": none),
-    NaN for an undetectable coefficient."""
-    rows = {}
+def _relative_limits(diagnosis: Diagnosis) -> Iterator[tuple[str, str, Values]]:
+    """Each effect in the order of the catalogue: its name without the axis and its typical size, the axis ("": none), sorted
+    limits relative to that size, NaN for an undetectable coefficient."""
     for id, entry in diagnosis.entries.items():
         limit = diagnosis.limits.get(id)
         if entry.typical > 0 and (limit is not None or id in diagnosis.invisible):
             name, *parts = id.split(".")
             axis = parts.pop(0) if parts and parts[0] in AXIS_COLOUR else ""
-            words = f"{' '.join([name, *parts])}  ({in_words(entry.typical, entry.unit)})"
             sizes = [None] if limit is None else [*limit.coefficients.values()]
-            rows.setdefault(words, {})[axis] = np.sort(np.array(sizes, float)) / entry.typical
-    return rows
+            words = f"{' '.join([name, *parts])}  ({in_words(entry.typical, entry.unit)})"
+            yield words, axis, np.sort(np.array(sizes, float)) / entry.typical

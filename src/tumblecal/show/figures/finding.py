@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,7 +18,8 @@ from tumblecal.ground.supplement import supplement
 from tumblecal.report.diagnosis_verdict import findings_of_causes, first_unnamed
 from tumblecal.show.figures.calibration import overview_figure
 from tumblecal.show.figures.drawing import AXIS_COLOUR, CARD, INK, MUTED, OUTSIDE, new_panel
-from tumblecal.show.figures.panels import marks, noise_band, with_legend
+from tumblecal.show.figures.evidence import noise_of
+from tumblecal.show.figures.panels import OfAxes, Shown, Values, marks, noise_band, with_legend
 from tumblecal.show.figures.unnamed import small_unnamed_figure
 from tumblecal.show.figures.variables import conditions
 
@@ -26,8 +28,6 @@ from tumblecal.show.figures.variables import conditions
 # coefficients); variables that are worse than the best by less than the second number are equals.
 _DRIVES, _EQUAL = 0.8, 0.02
 _DEGREE, _HARMONICS, _POINTS = 4, 3, 60
-
-Values = Float[np.ndarray, " positions"]
 
 
 class FindingSignal(NamedTuple):
@@ -46,8 +46,8 @@ class FindingSignal(NamedTuple):
     across: Values
     before: Values
     after: Values
-    curve: tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]
-    marked: Bool[np.ndarray, " positions"]
+    curve: tuple[np.ndarray, np.ndarray]
+    marked: Shown
     size: float
 
 
@@ -69,7 +69,11 @@ def _signal(diagnosis: Diagnosis, causes: Sequence[Cause]) -> FindingSignal:
     axis = int(np.argmax(np.nanmean(relative**2, axis=0)))
     size = float(np.sqrt(np.nanmean(np.nanvar(relative, axis=0))))
     if excluded:
-        driven, before, after = ("position number", order + 1.0, (np.zeros(0),) * 2), fit.residuals, fit.residuals
+        driven, before, after = (
+            ("position number", order + 1.0, (np.zeros(0), np.zeros(0))),
+            fit.residuals,
+            fit.residuals,
+        )
     else:
         driven = _driven(diagnosis, causes[0], signal[:, axis], axis)
         after = np.where(fit.retained[:, None], fit.residuals, np.nan)
@@ -79,7 +83,7 @@ def _signal(diagnosis: Diagnosis, causes: Sequence[Cause]) -> FindingSignal:
     return FindingSignal(label, axis, variable, across, before[:, axis], after[:, axis], curve, marked, size)
 
 
-def _component(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Float[np.ndarray, "positions 3"]:
+def _component(diagnosis: Diagnosis, causes: Sequence[Cause]) -> OfAxes:
     """Contribution of causes to the readings, g: prediction of the extended model less that without their coefficients. For
     causes without coefficients: residuals of the fit with all others less those of the extended model. NaN for excluded
     positions."""
@@ -102,17 +106,17 @@ def _driven(diagnosis: Diagnosis, cause: Cause, signal: Values, axis: int) -> tu
         valid = np.isfinite(signal + across)
         if np.ptp(across[valid]) > 0:
             share, curve = _smooth(across[valid], signal[valid], circular=words.startswith("alpha"))
-            tried.append((share, words, across, curve))
-    best = max(share for share, *_ in tried)
+            tried.append((share, (words, across, curve)))
+    best = max(share for share, _ in tried)
     if best < _DRIVES:
         ends = np.array([np.nanmin(signal), np.nanmax(signal)])
         return "fitted signal / mg", 1e3 * signal, (1e3 * ends, ends)
-    return next(driven for share, *driven in tried if share > best - _EQUAL)
+    return next(driven for share, driven in tried if share > best - _EQUAL)
 
 
 def _variables(diagnosis: Diagnosis, cause: Cause, axis: int, signal: Values) -> Iterator[tuple[str, Values]]:
-    """Variables that may drive a signal, the most likely first: conditions, inputs, their products, angles, order. The spindle
-    angle also at the pitch setting with the largest signal alone, NaN at the others."""
+    """Variables that may drive a signal, the most likely first: conditions, inputs, their products, and the spindle angle,
+    also at the pitch setting with the largest signal alone, NaN at the others."""
     data, inputs = diagnosis.data, diagnosis.screened.at.evaluation.inputs
     entry = diagnosis.entries.get(id_of(cause.label))
     slow = {
@@ -120,20 +124,18 @@ def _variables(diagnosis: Diagnosis, cause: Cause, axis: int, signal: Values) ->
         for name, known in conditions(data).items()
         if entry is None or any(need.startswith(name) for need in entry.needs)
     }
-    first, second, third = ((f"u_{AXES[k]}", inputs[:, k]) for k in (axis, axis - 1, axis - 2))
-    yield from ((f"{name} / {unit}", values) for name, (unit, values) in slow.items())
-    yield from ((f"{name} / g", values) for name, values in (first, second, third))
-    for name, (unit, values) in slow.items():
-        for driver, across in (first, second, third):
+    driving = [(f"u_{AXES[k]}", "g", inputs[:, k]) for k in (axis, axis - 1, axis - 2)]
+    single = [(name, unit, values) for name, (unit, values) in slow.items()] + driving
+    yield from ((f"{name} / {unit}", values) for name, unit, values in single)
+    for (name, unit, values), (driver, _, across) in combinations(single, 2):
+        if name not in slow:
+            yield f"{name} {driver} / g²", values * across
+        elif driver not in slow:
             yield f"({name} - mean) {driver} / {unit} g", (values - values.mean()) * across
-    for (one, values), (other, others) in ((first, second), (first, third), (second, third)):
-        yield f"{one} {other} / g²", values * others
-    yield "beta / °", data.beta_deg
     yield "alpha / °", data.alpha_deg
     pitch = data.pitch_setting_deg
     largest = max(np.unique(pitch).tolist(), key=lambda setting: np.nansum(signal[pitch == setting] ** 2))
     yield f"alpha / ° at beta {largest:g}°", np.where(pitch == largest, data.alpha_deg, np.nan)
-    yield "position number", np.arange(len(data)) + 1.0
 
 
 def _smooth(across: Values, signal: Values, *, circular: bool) -> tuple[float, tuple]:
@@ -141,7 +143,7 @@ def _smooth(across: Values, signal: Values, *, circular: bool) -> tuple[float, t
     centre, half = 0.5 * (across.max() + across.min()), 0.5 * np.ptp(across)
     # At most half as many coefficients as values: with as many, any signal would be a function of the variable.
     most = len(across) // 2 - 1
-    if most < 1:
+    if most < 1 or np.ptp(signal) == 0:
         return 0.0, ()
     degree, harmonics = min(_DEGREE, most, len(np.unique(np.round(across, 6))) - 1), min(_HARMONICS, most // 2)
 
@@ -168,23 +170,20 @@ def card_figures(diagnosis: Diagnosis, signals: Mapping[int, FindingSignal]) -> 
 
 def small_figure(signal: FindingSignal) -> Figure:
     """For a card: residuals without the cause, and its curve."""
-    figure, panel = new_panel(1.55, CARD)
+    figure, panel = new_panel(1.55, CARD, xlabel=signal.variable, ylabel=f"{AXES[signal.axis]} residual / mg")
     panel.axhline(0, color=INK, lw=0.6)
     _residuals(panel, signal)
-    panel.set(xlabel=signal.variable, ylabel=f"{AXES[signal.axis]} residual / mg")
     return figure
 
 
 def finding_figure(signal: FindingSignal, diagnosis: Diagnosis) -> Figure:
     """For the part of residuals: residuals without and with the cause over the noise band, and its curve."""
-    figure, panel = new_panel(3.0)
     axis = signal.axis
-    noise = diagnosis.level / np.median(1.0 / diagnosis.problem.sd[:, axis])
-    noise_band(panel, 2e3 * noise, "± 2 noise sd")
+    figure, panel = new_panel(3.0, xlabel=signal.variable, ylabel=f"{AXES[axis]}: measured -\npredicted / mg")
+    noise_band(panel, 2e3 * noise_of(diagnosis)[axis], "± 2 noise sd")
     if len(signal.curve[0]):
         marks(panel, signal.across, 1e3 * signal.after, AXIS_COLOUR[AXES[axis]], "with it", ring=True)
     _residuals(panel, signal)
-    panel.set(xlabel=signal.variable, ylabel=f"{AXES[axis]}: measured -\npredicted / mg")
     return with_legend(figure, 5)
 
 

@@ -4,16 +4,12 @@ from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.units import shown
 from tumblecal.history.repeatability import Trend, UnitHistory
 from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, Figures, new_panels
-
-
-_MOST_DATES = 8
 
 
 def figures_of(history: UnitHistory) -> Figures:
@@ -32,12 +28,7 @@ def chart_figure(leaf: str, history: UnitHistory) -> Figure:
         _draw(panel, times if dated else np.arange(len(times)) + 1, trend)
     last = panels[-1, 0]
     last.set_xlabel("date" if dated else "result")
-    if dated:
-        # Few dates, with their common part written once, so that they do not overlap.
-        locator = AutoDateLocator(minticks=3, maxticks=_MOST_DATES)
-        last.xaxis.set_major_locator(locator)
-        last.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-    else:
+    if not dated:
         last.locator_params(axis="x", integer=True)
     return figure
 

@@ -13,7 +13,8 @@ _MOST_POINTS, _MOST_NAMES = 4000, 60
 def interval_figure(stillness: Stillness, names: tuple[str, ...] = ()) -> Figure:
     """The accelerations with the intervals used (green), refused (red), and the name of each."""
     blocks, used = stillness.blocks, stillness.used
-    figure, panel = new_panel(3.6, 9.0)
+    unit = blocks.unit.replace("ms2", "m/s²")
+    figure, panel = new_panel(3.6, 9.0, xlabel="time, s", ylabel=f"acceleration, {unit}")
     # A gap is no line; a long recording is drawn by means of several blocks.
     times = np.where(blocks.broken, np.nan, blocks.start_s)
     step = max(1, len(blocks) // _MOST_POINTS)
@@ -24,12 +25,10 @@ def interval_figure(stillness: Stillness, names: tuple[str, ...] = ()) -> Figure
     for interval in stillness.intervals:
         colour = OUTSIDE if interval.reason else "#2ca02c"
         panel.axvspan(interval.start_s, interval.stop_s, color=colour, alpha=0.18, lw=0)
-    names, top = names if len(names) <= _MOST_NAMES else (), panel.get_ylim()[1]
-    for name, interval in zip(names, used, strict=False):
-        middle = (interval.start_s + interval.stop_s) / 2
-        panel.text(middle, top, name, rotation=90, fontsize=6, ha="center", va="bottom", color=MUTED)
+    if len(names) <= _MOST_NAMES:
+        middles = [(interval.start_s + interval.stop_s) / 2 for interval in used]
+        panel.secondary_xaxis("top").set_xticks(middles[: len(names)], names, rotation=90, fontsize=6, color=MUTED)
     refused = len(stillness.intervals) - len(used)
-    panel.set_title(f"{len(used)} still intervals used (green), {refused} refused (red)", pad=26 if names else 6)
-    panel.set(xlabel="time, s", ylabel=f"acceleration, {blocks.unit.replace('ms2', 'm/s²')}")
+    panel.set_title(f"{len(used)} still intervals used (green), {refused} refused (red)")
     panel.legend(loc="upper right", ncols=3)
     return figure

@@ -2,13 +2,20 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import ArrayLike
 
-from tumblecal.show.figures.drawing import BAND, INK, MUTED
+from tumblecal.show.figures.drawing import BAND, INK, MUTED, new_panel
+
+
+Values = Float[np.ndarray, " positions"]
+OfAxes = Float[np.ndarray, "positions 3"]
+Shown = Bool[np.ndarray, " positions"]
 
 
 def marks(
@@ -58,6 +65,13 @@ def name_rows(panel: Axes, names: Sequence[str], size: float = 9) -> None:
     panel.grid(axis="y", visible=False)
 
 
+def new_rows(names: Sequence[str], each: float, xlabel: str, size: float = 9) -> tuple[Figure, Axes]:
+    """A figure with a row for each name, of a height in inches."""
+    figure, panel = new_panel(each * len(names) + 1.1, xlabel=xlabel)
+    name_rows(panel, names, size)
+    return figure, panel
+
+
 def plain_log(axis: Axis) -> None:
     """Ticks of a logarithmic axis as plain numbers, also if it is shorter than a decade."""
     low, high = axis.get_view_interval()
@@ -66,9 +80,9 @@ def plain_log(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def angle_ticks(axis: Axis, most: int) -> None:
-    """At most so many intervals between ticks of an angle, of 90 or 180 degrees for a turn."""
-    axis.set_major_locator(MaxNLocator(most, steps=[1, 1.8, 4.5, 9, 10]))
+def angle_ticks(axis: Axis) -> None:
+    """Ticks of an angle, every 90 degrees for a turn."""
+    axis.set_major_locator(MaxNLocator(4, steps=[1, 1.8, 4.5, 9, 10]))
 
 
 def with_legend(figure: Figure, columns: int = 4, place: str = "outside upper left") -> Figure:
@@ -77,5 +91,5 @@ def with_legend(figure: Figure, columns: int = 4, place: str = "outside upper le
     for panel in figure.axes:
         for handle, words in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(words, handle)
-    figure.legend(handles.values(), handles, loc=place, ncols=columns)
+    figure.legend(handles.values(), handles, loc=place, ncols=columns)  # pyright: ignore[reportArgumentType]
     return figure

@@ -4,12 +4,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tumblecal.data import PositionSet
 from tumblecal.estimation import Fit
-from tumblecal.ground.axes import AXES
 from tumblecal.ground.units import shown
 from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, OUTSIDE, Figures, new_panels
 from tumblecal.show.figures.panels import marks, with_legend
@@ -32,15 +29,12 @@ _KALMAN: dict[str, Any] = {"color": BLUE, "lw": 2.6, "alpha": 0.6, "label": "Kal
 _EXACT: dict[str, Any] = {"color": OUTSIDE, "ls": (0, (4, 2)), "label": "exact"}
 
 
-def _of_leaf(study: PaperStudy, leaf: str) -> list[int]:
-    return [index for index, name in enumerate(study.names) if name.split("_")[0] == leaf]
-
-
 def group_figure(leaf: str, study: PaperStudy) -> Figure:
     """One kind of parameter: least squares of each set, Kalman filter and exact fit of all sets so far, with the truth."""
     figure, panels = new_panels(2.7, 1, 3, sharex=True)
     number = np.arange(1, len(study.single) + 1)
-    for panel, index in zip(panels[0], _of_leaf(study, leaf), strict=True):
+    places = [index for index, name in enumerate(study.names) if name.startswith(f"{leaf}_")]
+    for panel, index in zip(panels[0], places, strict=True):
         unit, factor = shown(study.units[index])
         truth, sd = factor * study.truth[index], factor * study.single_sd[index]
         centre, half = factor * study.kalman[:, index], 2 * factor * study.kalman_sd[:, index]
@@ -60,14 +54,14 @@ def means_figure(study: PaperStudy) -> Figure:
     number = np.arange(1, len(study.single) + 1)
     band = 2 / np.sqrt(number)
     estimates = ((study.mean, _MEAN), (study.kalman, _KALMAN), (study.exact_mean, _EXACT))
-    for leaf, row in zip(GROUPS, panels, strict=True):
-        for panel, index in zip(row, _of_leaf(study, leaf), strict=True):
-            panel.fill_between(number, -band, band, color=BAND, lw=0, label="2 sd of the mean")
-            panel.axhline(0, **_TRUTH)
-            for values, look in estimates:
-                panel.plot(number, (values[:, index] - study.truth[index]) / study.single_sd[index], **look)
-            panel.set(title=study.names[index], ylim=(-0.8, 0.8))
-        row[0].set_ylabel("error / sd of one set")
+    for index, panel in enumerate(panels.ravel()):
+        panel.fill_between(number, -band, band, color=BAND, lw=0, label="2 sd of the mean")
+        panel.axhline(0, **_TRUTH)
+        for values, look in estimates:
+            panel.plot(number, (values[:, index] - study.truth[index]) / study.single_sd[index], **look)
+        panel.set(title=study.names[index], ylim=(-0.8, 0.8))
+    for panel in panels[:, 0]:
+        panel.set_ylabel("error / sd of one set")
     for panel in panels[-1]:
         panel.set_xlabel("data sets so far")
     return with_legend(figure, 5)
@@ -77,28 +71,20 @@ def audit_figure(audit: Audit, table1: Fit) -> Figure:
     """Residuals of the measured Table 1 under each parameter set."""
     sets = {"best exact fit": table1.residuals} | {each.name: each.residuals for each in audit.explanations[:2]}
     figure, panels = new_panels(5.4, len(sets), sharex=True)
-    data = table1.data
-    reach = 1.2 * np.max(np.abs([*sets.values()][:2]))
+    position, reach = np.arange(len(table1.data)), 1.2 * np.max(np.abs([*sets.values()][:2]))
     for panel, (name, residuals) in zip(panels[:, 0], sets.items(), strict=True):
-        _residuals(panel, data, 1e3 * residuals)
+        for k, (axis, colour) in enumerate(AXIS_COLOUR.items()):
+            across, values = position + 0.22 * (k - 1), 1e3 * residuals[:, k]
+            panel.vlines(across, 0, values, color=colour)
+            marks(panel, across, values, colour, f"axis {axis}", marker=".")
+        panel.axhline(0, color=INK, lw=0.7)
         times = np.ceil(np.max(np.abs(residuals)) / reach)
         panel.set(ylim=(-1e3 * reach * times, 1e3 * reach * times), ylabel="mg")
         scale = f"; SCALE {times:.0f} TIMES LARGER" if times > 1 else ""
         size = f"rms {np.sqrt(np.mean(residuals**2)) * 1e3:.3f} mg"
         panel.set_title(f"Table 1 less prediction of: {name} ({size}{scale})")
-    panel.set_xticks(range(len(data)), data.names, rotation=90)
+    panels[-1, 0].set_xticks(position, table1.data.names, rotation=90)
     return with_legend(figure)
-
-
-def _residuals(panel: Axes, data: PositionSet, residuals: np.ndarray) -> None:
-    """Residuals of the three axes by position, with lines between pitch settings."""
-    for axis, values, shift in zip(AXES, residuals.T, (-0.22, 0.0, 0.22), strict=True):
-        across = np.arange(len(data)) + shift
-        panel.vlines(across, 0, values, color=AXIS_COLOUR[axis])
-        marks(panel, across, values, AXIS_COLOUR[axis], f"axis {axis}", marker=".")
-    panel.axhline(0, color=INK, lw=0.7)
-    for border in np.flatnonzero(np.diff(data.beta_deg)):
-        panel.axvline(border + 0.5, color=MUTED, lw=0.8, ls=":")
 
 
 FIGURES: Figures = {

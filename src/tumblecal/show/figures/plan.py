@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
-from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, CARD, INK, MUTED, Figures, new_panel, new_panels
-from tumblecal.show.figures.panels import marks, name_rows, plain_log, with_legend
+from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, Figures, new_panel, new_panels
+from tumblecal.show.figures.panels import marks, new_rows, plain_log, with_legend
 
 
 _MARKERS = "osD^vP"
@@ -33,7 +33,14 @@ def _by_mounting(
 ) -> None:
     for number, mount in enumerate(dict.fromkeys(plan.cells.mounts)):
         here = shown & (plan.cells.mounting == number)
-        panel.plot(across[here], values[here], _MARKERS[number % len(_MARKERS)], ms=4.5, label=f"mounting {mount}")
+        panel.plot(
+            across[here],
+            values[here],
+            _MARKERS[number % len(_MARKERS)],
+            ms=4.5,
+            clip_on=False,
+            label=f"mounting {mount}",
+        )
 
 
 def _force(plan: DesignedPlan) -> Float[np.ndarray, "positions 3"]:
@@ -44,11 +51,10 @@ def _force(plan: DesignedPlan) -> Float[np.ndarray, "positions 3"]:
     return np.stack([turns[mount] @ each for mount, each in zip(cells.mounts, head, strict=True)])
 
 
-def uncertainty_figure(plan: DesignedPlan, *, card: bool = False) -> Figure:
+def uncertainty_figure(plan: DesignedPlan) -> Figure:
     """Standard uncertainties before and with the plan, relative to the scales of the parameters."""
-    figure, panel = new_panel(2.3, CARD) if card else new_panel(0.32 * len(plan.after.uncertainties.names) + 0.9)
-    size = 7 if card else 9
     before, after = plan.before.uncertainties, plan.after.uncertainties
+    figure, panel = new_rows(after.names, 0.32, "standard uncertainty / mg, mrad, 1e-3")
     old, new = before.sd / before.scales, after.sd / after.scales
     both = np.array([old, new])
     known = both[np.isfinite(both)]
@@ -58,25 +64,23 @@ def uncertainty_figure(plan: DesignedPlan, *, card: bool = False) -> Figure:
     marks(panel, old, rows, MUTED, "measured already" if plan.measured else "plan of the rig", ring=True)
     marks(panel, new, rows, BLUE, "this plan")
     for row in rows[np.isinf(old)]:
-        panel.text(high, row, "not determined", va="center", ha="right", fontsize=size, color=MUTED)
-    name_rows(panel, after.names, size)
-    panel.set(xscale="log", xlim=(low, high), xlabel="standard uncertainty / mg, mrad, 1e-3")
+        panel.text(high, row, "not determined", va="center", ha="right", fontsize=7, color=MUTED)
+    panel.set(xscale="log", xlim=(low, high))
     plain_log(panel.xaxis)
     return with_legend(figure)
 
 
-def in_use_figure(plan: DesignedPlan, *, card: bool = False) -> Figure | None:
+def in_use_figure(plan: DesignedPlan) -> Figure | None:
     """Fraction of attitudes for which the corrected force is at least so precise, by axis; None if it is not determined."""
     if plan.after.uncertainties.undetermined:
         return None
-    figure, panel = new_panel(2.0, CARD) if card else new_panel(2.8)
+    figure, panel = new_panel(2.8, xlabel="fraction of the attitudes / %", ylabel="u of the corrected\nforce / mg")
     share = 100 * np.arange(1, len(plan.after.in_use) + 1) / len(plan.after.in_use)
     for k, axis in enumerate(AXES):
         panel.plot(share, 1e3 * np.sort(plan.after.in_use[:, k]), color=AXIS_COLOUR[axis], label=axis)
         if not plan.before.uncertainties.undetermined:
             panel.plot(share, 1e3 * np.sort(plan.before.in_use[:, k]), "--", color=AXIS_COLOUR[axis], lw=0.9)
     panel.set_ylim(bottom=0)
-    panel.set(xlabel="fraction of the attitudes / %", ylabel="u of the corrected\nforce / mg")
     return with_legend(figure)
 
 
@@ -84,7 +88,7 @@ def trade_off_figure(plan: DesignedPlan) -> Figure | None:
     """The largest standard uncertainty against the time, with common practice; None without other plans."""
     if not plan.traded:
         return None
-    figure, panel = new_panel(3.0)
+    figure, panel = new_panel(3.0, xlabel="time / min", ylabel=f"criterion ({plan.criterion.name})")
     panel.plot(
         [each.minutes for each in plan.traded], [each.value for each in plan.traded], "o-", label="designed plans"
     )
@@ -92,7 +96,6 @@ def trade_off_figure(plan: DesignedPlan) -> Figure | None:
         panel.annotate(str(each.positions), (each.minutes, each.value), (0, 6), textcoords="offset points", fontsize=7)
     this = min(plan.traded, key=lambda each: abs(each.minutes - plan.minutes))
     panel.plot(this.minutes, this.value, "o", color=INK, ms=7, mfc="none", label="this plan")
-    panel.set(xlabel="time / min", ylabel=f"criterion ({plan.criterion.name})")
     panel.set_ylim(bottom=0)
     return with_legend(figure)
 

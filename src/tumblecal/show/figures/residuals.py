@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.data import PositionSet
 from tumblecal.ground.axes import AXES
 from tumblecal.show.figures.drawing import AXIS_COLOUR, INK, WIDTH, new_panels
-from tumblecal.show.figures.panels import angle_ticks, marks, noise_band, with_legend
+from tumblecal.show.figures.panels import OfAxes, Shown, Values, angle_ticks, marks, noise_band, with_legend
 
 
 # More pitch settings than these share one panel.
@@ -26,12 +26,12 @@ class Group(NamedTuple):
     """
 
     words: str
-    values: Float[np.ndarray, "positions 3"]
-    shown: Bool[np.ndarray, " positions"]
+    values: OfAxes
+    shown: Shown
     marker: str = "o"
     colour: str = ""
     ring: bool = False
-    bars: Float[np.ndarray, "positions 3"] | None = None
+    bars: OfAxes | None = None
 
 
 class Column(NamedTuple):
@@ -50,20 +50,21 @@ def angle_columns(data: PositionSet, groups: Sequence[Group]) -> list[Column]:
     if len(settings) > _MOST_PANELS:
         return [Column(variable, alpha, groups, f"all {len(settings)} pitch settings")]
     return [
-        Column(variable, alpha, [_at(group, pitch == setting) for group in groups], f"beta {setting:g}°")
+        Column(
+            variable,
+            alpha,
+            [group._replace(shown=group.shown & (pitch == setting)) for group in groups],
+            f"beta {setting:g}°",
+        )
         for setting in settings
     ]
-
-
-def _at(group: Group, here: Bool[np.ndarray, " positions"]) -> Group:
-    return group._replace(shown=group.shown & here)
 
 
 def residual_figure(
     columns: Sequence[Column],
     noise: Float[np.ndarray, "3"],
     reach: Float[np.ndarray, "3 #columns"],
-    words: str = "2 standard deviations of the noise",
+    words: str | None = "2 standard deviations of the noise",
 ) -> Figure:
     """The panels; residuals beyond the scale are diamonds at its edge.
 
@@ -80,12 +81,12 @@ def residual_figure(
     for (row, place), panel in np.ndenumerate(panels):
         column = columns[place]
         across = column.across[:, row] if column.across.ndim == 2 else column.across
-        noise_band(panel, noise[row], words)
+        noise_band(panel, float(noise[row]), words)
         for group in column.groups:
-            _draw(panel, across, group, row, 0.94 * reach[row, place])
+            _draw(panel, across, group, row, 0.94 * float(reach[row, place]))
         panel.set_ylim(-reach[row, place], reach[row, place])
         if column.variable.startswith("alpha"):
-            angle_ticks(panel.xaxis, 4 if len(columns) < 4 else 2)
+            angle_ticks(panel.xaxis)
     for column, above, below in zip(columns, panels[0], panels[-1], strict=True):
         above.set_title(column.title)
         below.set_xlabel(column.variable)
@@ -96,7 +97,7 @@ def residual_figure(
     return with_legend(figure, 5)
 
 
-def _draw(panel: Axes, across: Float[np.ndarray, " positions"], group: Group, row: int, edge: float) -> None:
+def _draw(panel: Axes, across: Values, group: Group, row: int, edge: float) -> None:
     colour, values, shown = group.colour or AXIS_COLOUR[AXES[row]], group.values[:, row], group.shown
     if group.bars is not None:
         bars = group.bars[shown, row]

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
@@ -21,39 +20,28 @@ Frames = Mapping[str, pl.DataFrame]
 def coverage_figure(content: Mapping[str, Any], frames: Frames) -> Figure:
     """Bias, standard deviation and interval coverage of each parameter, and the distribution of the sum of squares."""
     rows, trials = frames["parameters"], content["trials"] - content["failed"]
-    predicted = rows["predicted_sd"]
+    predicted, place = rows["predicted_sd"], range(len(rows))
     figure, panels = new_panels(5.2, 2, 2)
     bias, spread, covered, squares = panels.ravel()
-    _with_errors(bias, rows, rows["bias"] / predicted, 2 * rows["bias_se"] / predicted, 0)
-    bias.set_ylabel("bias / predicted sd (2 se)")
-    _with_errors(spread, rows, rows["sd_over_predicted"], 2 / np.sqrt(2 * trials), 1)
-    spread.set_ylabel("sd / predicted sd")
-    for level, colour in zip(content["levels"], COLOURS, strict=False):
+    bias.errorbar(place, rows["bias"] / predicted, 2 * rows["bias_se"] / predicted, fmt="o", capsize=2, color=INK)
+    spread.errorbar(place, rows["sd_over_predicted"], 2 / np.sqrt(2 * trials), fmt="o", capsize=2, color=INK)
+    for level in content["levels"]:
         values = 100 * (rows[f"covered_{round(100 * level)}_stated"] - level)
-        _with_errors(covered, rows, values, 200 * np.sqrt(level * (1 - level) / trials), 0, colour, f"{level:.0%}")
-    covered.set_ylabel("covered - stated, % points")
-    covered.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, title="interval", alignment="left")
+        error = 200 * np.sqrt(level * (1 - level) / trials)
+        covered.errorbar(place, values, error, fmt="o", capsize=2, label=f"{level:.0%} intervals")
+    for panel, expected, words in (
+        (bias, 0, "bias / predicted sd (2 se)"),
+        (spread, 1, "sd / predicted sd"),
+        (covered, 0, "covered - stated, % points"),
+    ):
+        limit(panel, expected)
+        panel.set_ylabel(words)
+        panel.set_xticks(place, rows["parameter"], rotation=90)
     histogram = np.array(content["chi2_histogram"])
     squares.stairs(histogram * len(histogram), np.linspace(0, 1, len(histogram) + 1), color=INK)
     limit(squares, 1)
     squares.set(xlabel="probability of a smaller sum of squares", ylabel="density (1 expected)")
-    figure.suptitle(f"{content['title']}: {trials} calibrations", fontsize=10)
-    return figure
-
-
-def _with_errors(
-    panel: Axes,
-    rows: pl.DataFrame,
-    values: Any,
-    errors: Any,
-    expected: float,
-    colour: str = INK,
-    words: str | None = None,
-) -> None:
-    """A value with its error for each parameter, and the expected value."""
-    panel.errorbar(range(len(rows)), values, errors, fmt="o", color=colour, capsize=2, label=words)
-    panel.set_xticks(range(len(rows)), rows["parameter"], rotation=90)
-    limit(panel, expected)
+    return with_legend(figure)
 
 
 def sweep_figure(content: Mapping[str, Any], frames: Frames) -> Figure:
@@ -118,7 +106,6 @@ def needed_figure(content: Mapping[str, Any], frames: Frames) -> Figure:
         panel.set(xscale="log", title=f"below {threshold:g} (1, g, rad)", xlabel="data sets needed (10, 50, 90 %)")
         plain_log(panel.xaxis)
     name_rows(panels[0, 0], methods)
-    figure.suptitle("Data sets until the worst parameter's error stays below a threshold", fontsize=10)
     return figure
 
 
@@ -126,28 +113,23 @@ def linearization_figure(content: Mapping[str, Any], frames: Frames) -> Figure:
     """Bias of the linear equations against the size of the errors, with the standard deviations of data sets."""
     sd = pl.col("parameter").replace_strict(content["predicted_sd"], return_dtype=pl.Float64)
     worst = frames["biases"].group_by("case", "path", "size", maintain_order=True).agg((pl.col("rms_bias") / sd).max())
-    cases = worst["case"].unique(maintain_order=True)
+    cases = worst.partition_by("case", maintain_order=True)
     figure, panels = new_panels(2.9, 1, len(cases), 9.0, sharey=True)
-    for panel, case in zip(panels[0], cases, strict=True):
-        for path, colour in zip(("harmonic", "small angle"), COLOURS, strict=False):
-            chosen = worst.filter(case=case, path=path)
+    for panel, of_case in zip(panels[0], cases, strict=True):
+        for chosen, colour in zip(of_case.partition_by("path", maintain_order=True), COLOURS, strict=False):
             size, ratio = 1e3 * chosen["size"].to_numpy(), chosen["rms_bias"].to_numpy()
             if np.all(ratio > 1e-8):
-                panel.loglog(size, ratio, "o", color=colour, label=path)
+                panel.loglog(size, ratio, "o", color=colour, label=chosen["path"][0])
                 panel.loglog(size, ratio[0] * (size / size[0]) ** 2, "--", lw=0.8, color=colour)
         for sets in content["study"].get("data_sets", [1, 100]):
-            _sets_line(panel, sets)
-        panel.set(title=f"{case} errors", xlabel="sd of the errors, mrad")
+            sd_of_mean, words = 1 / np.sqrt(sets), f"sd of {sets} set{'s' if sets > 1 else ''}"
+            limit(panel, sd_of_mean)
+            place = {"transform": panel.get_yaxis_transform(), "ha": "right", "va": "bottom"}
+            panel.text(0.99, sd_of_mean, words, fontsize=7, **place)
+        panel.set(title=f"{of_case['case'][0]} errors", xlabel="sd of the errors, mrad")
     panels[0, 0].set_ylabel("worst rms bias / sd of one set")
     panels[0, 0].legend(title="dashed: slope 2")
     return figure
-
-
-def _sets_line(panel: Axes, sets: int) -> None:
-    """The standard deviation of several data sets, relative to that of one, with its words above the right end."""
-    sd, words = 1 / np.sqrt(sets), f"sd of {sets} set{'s' if sets > 1 else ''}"
-    limit(panel, sd)
-    panel.text(0.99, sd, words, transform=panel.get_yaxis_transform(), fontsize=7, color=INK, ha="right", va="bottom")
 
 
 def power_figure(content: Mapping[str, Any], frames: Frames) -> Figure:

@@ -17,8 +17,19 @@ from tumblecal.report.thermal_estimates import (
     sd_at,
     varying,
 )
-from tumblecal.show.figures.drawing import AXIS_COLOUR, BLUE, CARD, INK, MUTED, OUTSIDE, Figures, new_panel, new_panels
-from tumblecal.show.figures.panels import curve, marks, name_rows, with_legend
+from tumblecal.show.figures.drawing import (
+    AXIS_COLOUR,
+    BLUE,
+    CARD,
+    COLOURS,
+    INK,
+    MUTED,
+    OUTSIDE,
+    Figures,
+    new_panel,
+    new_panels,
+)
+from tumblecal.show.figures.panels import curve, marks, new_rows, with_legend
 from tumblecal.show.figures.residuals import Column, Group, residual_figure
 from tumblecal.thermal.result import ThermalResult
 
@@ -29,7 +40,6 @@ _COVERAGE = 1.96
 _POINTS = 121
 # Words, mark, ring and colour of a direction of change; soaks that no change reached are constant.
 _DIRECTIONS = {1: ("rising", "o", False, OUTSIDE), -1: ("falling", "o", True, BLUE), 0: ("constant", "s", False, INK)}
-_COLOUR = AXIS_COLOUR | {"21": AXIS_COLOUR["x"], "31": AXIS_COLOUR["y"], "32": AXIS_COLOUR["z"]}
 # More held-out parts than these have no bars.
 _MOST_BARS = 12
 
@@ -48,8 +58,8 @@ def parameter_figure(result: ThermalResult) -> Figure | None:
         k = SENSOR.index(name)
         unit, factor = shown(GROUPS[leaf_of(name)][1])
         low, middle, high = (factor * (values + side * half)[:, k] for side in (-1, 0, 1))
-        curve(panel, degc, low, middle, high, _colour(name))
-        _points(panel, bins.degc, factor * bins.values[:, k], bins.direction, _colour(name))
+        curve(panel, degc, low, middle, high, COLOURS[k % 3])
+        _points(panel, bins.degc, factor * bins.values[:, k], bins.direction, COLOURS[k % 3])
         panel.axvline(result.reference_degc, color=MUTED, lw=0.7, ls=":")
         panel.set_title(f"{'' if known_at_reference(result, name) else 'change of '}{name} / {unit}")
     for panel in panels.ravel()[len(names) :]:
@@ -67,19 +77,13 @@ def residual_figure_of(result: ThermalResult) -> Figure:
     before, after = 1.1 * np.maximum(np.max(np.abs(sides), axis=(1, 2)), np.max(noise))
     larger = f" (scale {before / after:.2g} times larger)" if before > 1.5 * after else ""
     titles = "before: at the reference", f"after: at the temperature{larger}"
-    columns = [
-        Column(
-            _DEGC,
-            table.temperature_degc,
-            [
-                Group(f"{words} temperature", values, direction == sign, marker, "", ring)
-                for sign, (words, marker, ring, _) in _DIRECTIONS.items()
-                if sign in direction
-            ],
-            title,
-        )
-        for title, values in zip(titles, sides, strict=True)
-    ]
+    columns = []
+    for title, values in zip(titles, sides, strict=True):
+        groups = [
+            Group(f"{words} temperature", values, here, marker, "", ring)
+            for here, words, marker, ring, _ in _by_direction(direction)
+        ]
+        columns.append(Column(_DEGC, table.temperature_degc, groups, title))
     return residual_figure(columns, noise, np.tile([before, after], (3, 1)))
 
 
@@ -115,7 +119,8 @@ def held_out_figure(result: ThermalResult) -> Figure | None:
     parts = result.held_out[:_MOST_BARS]
     if not parts:
         return None
-    figure, panel = new_panel(0.55 * len(parts) + 1.0)
+    names = [part.label.replace(", ", "\n").replace(" degC", " °C") for part in parts]
+    figure, panel = new_rows(names, 0.55, "error on held-out rows, root mean square / mg")
     rows = np.arange(len(parts))
     before = [part.before_mg for part in parts]
     for shift, colour, words, sizes in (
@@ -125,52 +130,48 @@ def held_out_figure(result: ThermalResult) -> Figure | None:
         bars = panel.barh(rows + shift, sizes, 0.36, color=colour, label=words)
         panel.bar_label(bars, fmt="{:.3g}", padding=3, fontsize=7.5)
     panel.vlines([part.noise_mg for part in parts], rows - 0.42, rows + 0.42, color=INK, lw=1.6, label="noise")
-    name_rows(panel, [part.label.replace(", ", "\n").replace(" degC", " °C") for part in parts])
-    panel.set(xlim=(0, 1.12 * max(before)), xlabel="error on held-out rows, root mean square / mg")
+    panel.set_xlim(0, 1.12 * max(before))
     return with_legend(figure)
 
 
 def course_figure(result: ThermalResult) -> Figure:
     """The temperature of the rows over time, from the first row of each clock."""
     table = result.table
-    figure, panel = new_panel(2.4)
+    figure, panel = new_panel(2.4, xlabel="time since the first row of the recording / h", ylabel=_DEGC)
     starts: dict[str, float] = {}
     for clock, time in zip(table.clock, table.time_s.tolist(), strict=True):
         starts[clock] = min(time, starts.get(clock, time))
     hours = (table.time_s - [starts[clock] for clock in table.clock]) / 3600
-    for sign, (words, _, _, colour) in _DIRECTIONS.items():
-        if np.any(here := table.direction == sign):
-            marks(panel, hours[here], table.temperature_degc[here], colour, words if sign else "soak")
-    panel.set(xlabel="time since the first row of the recording / h", ylabel=_DEGC)
+    for here, words, _, _, colour in _by_direction(table.direction):
+        marks(panel, hours[here], table.temperature_degc[here], colour, words)
     return with_legend(figure)
 
 
 def small_figure(result: ThermalResult) -> Figure:
     """For the first screen: changes of the biases over temperature, with the bins."""
-    figure, panel = new_panel(1.75, CARD)
     degc, bins = np.linspace(*result.table.range_degc, _POINTS), bin_estimates(result)
     names = [name for name in varying(result) if leaf_of(name) == "bias"] or varying(result)[:3]
     at_reference = parameters_at(result, np.array([result.reference_degc]))
     curves, points = parameters_at(result, degc) - at_reference, bins.values - at_reference
     unit, factor = shown(GROUPS[leaf_of(names[0])][1])
+    figure, panel = new_panel(1.75, CARD, xlabel=_DEGC, ylabel=f"change / {unit}")
     for name in names:
         k = SENSOR.index(name)
-        panel.plot(degc, factor * curves[:, k], color=_colour(name), label=name)
-        marks(panel, bins.degc, factor * points[:, k], _colour(name), ring=True)
-    panel.set(xlabel=_DEGC, ylabel=f"change / {unit}")
+        panel.plot(degc, factor * curves[:, k], color=COLOURS[k % 3], label=name)
+        marks(panel, bins.degc, factor * points[:, k], COLOURS[k % 3], ring=True)
     return with_legend(figure)
 
 
 def _points(panel: Axes, across: np.ndarray, values: np.ndarray, direction: np.ndarray, colour: str) -> None:
     """Dots for rising, rings for falling, squares for constant temperature."""
-    for sign, (words, marker, ring, _) in _DIRECTIONS.items():
-        if np.any(here := direction == sign):
-            marks(panel, across[here], values[here], colour, marker=marker, ring=ring)
-            marks(panel, [], [], INK, f"{words} temperature", marker=marker, ring=ring)
+    for here, words, marker, ring, _ in _by_direction(direction):
+        marks(panel, across[here], values[here], colour, marker=marker, ring=ring)
+        marks(panel, [], [], INK, f"{words} temperature", marker=marker, ring=ring)
 
 
-def _colour(name: str) -> str:
-    return _COLOUR[name.partition("_")[2]]
+def _by_direction(direction: np.ndarray) -> list[tuple]:
+    """The rows of each direction that occurs, with its look."""
+    return [(direction == sign, *look) for sign, look in _DIRECTIONS.items() if sign in direction]
 
 
 FIGURES: Figures = {

@@ -1,7 +1,6 @@
 """Picture of an unexplained error: where it is in the plane of the head's angles, and its candidate law."""
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -11,7 +10,7 @@ from tumblecal.diagnosis.findings.unexplained import Unnamed
 from tumblecal.ground.axes import AXES
 from tumblecal.report.unnamed_words import law_words
 from tumblecal.show.figures.drawing import AXIS_COLOUR, CARD, INK, MUTED, new_panel, new_panels
-from tumblecal.show.figures.panels import angle_ticks, marks
+from tumblecal.show.figures.panels import OfAxes, angle_ticks, marks
 from tumblecal.show.figures.variables import conditions
 
 
@@ -45,7 +44,7 @@ def small_unnamed_figure(diagnosis: Diagnosis, unnamed: Unnamed) -> Figure:
     return figure
 
 
-def _most_affected(errors: Float[np.ndarray, "positions 3"]) -> int:
+def _most_affected(errors: OfAxes) -> int:
     return int(np.argmax(np.max(np.abs(errors), axis=0)))
 
 
@@ -58,7 +57,7 @@ def _map(panel: Axes, diagnosis: Diagnosis, unnamed: Unnamed, axis: int) -> None
         here = excess.positions
         panel.plot(data.alpha_deg[here], data.beta_deg[here], "o", ms=9, mfc="none", color=INK)
     panel.set(title=f"{AXES[axis]} / mg", xlabel="alpha / °", ylabel="beta / °")
-    angle_ticks(panel.xaxis, 2)
+    angle_ticks(panel.xaxis)
     panel.figure.colorbar(drawn, ax=panel)
 
 
@@ -76,7 +75,7 @@ def _law(panel: Axes, diagnosis: Diagnosis, unnamed: Unnamed, law: Law) -> None:
     panel.legend()
 
 
-def _as_fitted(unnamed: Unnamed, law: Law) -> Float[np.ndarray, "positions 3"]:
+def _as_fitted(unnamed: Unnamed, law: Law) -> OfAxes:
     """What the fit leaves of the law, whose parameters take up a part of it, g; in a region the law itself."""
     if unnamed.excess.region:
         return law.signal
