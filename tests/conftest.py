@@ -200,10 +200,10 @@ def figures_where_they_matter(request):
     if not {request.path.parent.name, request.path.stem}.isdisjoint(DRAWN):
         yield
         return
-    from tumblecal.report import drawing
+    from tumblecal.show.figures import drawing
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drawing, "_write_svg", lambda figure, to: to.write("<svg></svg>"))
+        patch.setattr(drawing, "svg_text", lambda figure: "<svg></svg>")
         yield
 
 

@@ -56,7 +56,7 @@ def _loaded(module: str, name: str):
 
 def _drawing(name: str):
     module, _, function = name.rpartition(".")
-    return _loaded(f"tumblecal.{module if '.' in module else f'report.{module}'}", function)
+    return _loaded(f"tumblecal.{module}", function)
 
 
 find_drawings_by(_drawing)

@@ -21,7 +21,7 @@ from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
-from tumblecal.report import history_page
+from tumblecal.show.figures.history import chart_figure
 from tumblecal.show.history import history_text, words_of_history
 
 
@@ -201,7 +201,7 @@ def test_a_drift_and_its_uncertainty_are_those_of_weighted_least_squares():
 
 @pytest.mark.parametrize("days", [0.02, 0.5, 3, 12, 30.4375, 400])
 def test_the_dates_of_a_chart_do_not_overlap(days):
-    figure = history_page._chart("bias", unit_history(results(14, days=days), PAPER_LIMITS))
+    figure = chart_figure("bias", unit_history(results(14, days=days), PAPER_LIMITS))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     labels = [label for label in figure.axes[-1].get_xticklabels() if label.get_text()]

@@ -17,7 +17,7 @@ from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.intervals import Interval
 from tumblecal.recordings.still.stillness import Stillness
 from tumblecal.recordings.table import Table
-from tumblecal.report.interval_figure import interval_figure
+from tumblecal.show.figures.interval import interval_figure
 from tumblecal.show.recordings import grouped_lines, import_lines, reduction_lines
 
 
@@ -104,7 +104,9 @@ def test_the_figure_of_intervals(rejected):
     figure = interval_figure(stillness_of(rejected), ("up", "east"))
     (axes,) = figure.axes
     assert axes.get_title() == f"2 still intervals used (green), {rejected} refused (red)"
-    assert [text.get_text() for text in axes.texts] == ["up", "east"] and len(axes.patches) == 2 + rejected
+    (names,) = axes.child_axes
+    assert [label.get_text() for label in names.get_xticklabels()] == ["up", "east"]
+    assert len(axes.patches) == 2 + rejected
     # A gap is no line.
     assert [bool(np.isnan(line.get_ydata()).any() or np.isnan(line.get_xdata()).any()) for line in axes.lines] == [
         True

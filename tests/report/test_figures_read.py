@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from tumblecal.effects.catalogue import catalogue
-from tumblecal.report.evidence_figures import limits_figure
+from tumblecal.show.figures.evidence import limits_figure
 
 
 @pytest.mark.parametrize("largest", [3.0, 200.0, 2500.0, 4e5])

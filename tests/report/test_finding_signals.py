@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.report.finding_figures import finding_signals
+from tumblecal.show.figures.finding import finding_signals
 
 
 SIGMA = 1e-4

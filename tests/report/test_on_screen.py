@@ -81,6 +81,6 @@ def test_objects_of_large_arrays_are_one_line():
 
 
 def test_a_figure_of_nothing_says_so(monkeypatch):
-    monkeypatch.setattr("tumblecal.ground.showing.of_report", lambda name: lambda result: None)
+    monkeypatch.setattr("tumblecal.ground.showing.function_named", lambda name: lambda result: None)
     with pytest.raises(ValueError, match="nothing to draw for these data: The residuals"):
         drawn_by("module.figure", "The residuals.")(None)

@@ -9,14 +9,21 @@ import pytest
 from reading_html import Cells
 
 from tumblecal.data import paper
-from tumblecal.report.drawing import new_figure
-from tumblecal.report.paper_figures import draw_study
-from tumblecal.show.page import Section, inline_figure, write_sections
+from tumblecal.show.figures.drawing import new_panel
+from tumblecal.show.figures.paper import FIGURES
+from tumblecal.show.page import write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.verdict import Finding, Unresolved, Verdict
+from tumblecal.show.words import SectionWords, Words
 
 
 NOTHING = Verdict("", "", "", "")
+
+
+def layout(title: str, lead: str = "", *sections: tuple[str, list[list[str]]], found: list[list[str]] = ()) -> Words:
+    """Words of a page: title, lead, sections with their entries, and the cells of its findings."""
+    blocks = {"title": [[title]], "lead": [[lead]], "found": found}
+    return Words(blocks, [SectionWords(*section) for section in sections])
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +88,8 @@ def test_the_first_screen_is_a_headline_cards_and_what_to_run(page):
 
 
 def spark():
-    figure = new_figure(3.9, 1.55)
-    figure.subplots().plot([0, 1])
+    figure, panel = new_panel(1.55, 3.9)
+    panel.plot([0, 1])
     return figure
 
 
@@ -117,9 +124,8 @@ PLACES = """<script>window.addEventListener("load", () => {
 
 def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium, tmp_path):
     """1280 x 800: all cards end above the fold. 375 px wide: both findings, the action card, and no horizontal scroll."""
-    write_sections(
-        tmp_path / "p.html", "Diagnosis", "48 positions.", RECORD, [], tone="open", pictures={1: spark, 2: spark}
-    )
+    words = layout("Diagnosis", "48 positions.", found=[["", "", "", "spark"]] * 2)
+    write_page(tmp_path / "p.html", words, RECORD, tone="open", figures={"spark": spark})
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "0.532 ± 0.062 mg/g²" in text and "24 to 26.5 °C" in text and "0.141 → 0.103 mg" in text
     # Nothing twice; commands as they are pasted; what belongs to a finding is on its card.
@@ -140,10 +146,8 @@ def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium,
     assert seen["wide"] <= 0 and seen["tops"] == sorted(seen["tops"]) and len({*seen["tops"]}) == 3
 
 
-def test_the_exact_line_lies_above_kalman_s_and_bands_are_named(study, tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr("tumblecal.report.paper_figures.save", lambda figure, path: drawn.append(figure))
-    draw_study(study, tmp_path)
+def test_the_exact_line_lies_above_kalman_s_and_bands_are_named(study):
+    drawn = [figure_of(study) for figure_of in FIGURES.values()]
     assert len(drawn) == 6
     for figure in drawn:
         for axes in figure.axes:
@@ -168,7 +172,8 @@ def test_study_json_is_complete(page):
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
     cells = Table(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]], text=(0,))
     script = replace(NOTHING, evidence=("<script>alert(1)</script>",))
-    write_sections(tmp_path / "p.html", "<b>title</b>", "a < b", script, [Section("x", tables=[cells])])
+    words = layout("<b>title</b>", "a < b", ("x", [["[table cells]"]]))
+    write_page(tmp_path / "p.html", words, script, tables={"cells": cells})
     text = (tmp_path / "p.html").read_text()
     assert "<script>" not in text and "<i>" not in text and "<b>" not in text and "<u>" not in text
     assert "&lt;script&gt;" in text and "a &lt; b" in text
@@ -177,19 +182,17 @@ def test_markup_in_the_data_is_text_on_the_page(tmp_path):
 
 def test_on_paper_two_figures_of_residuals_fill_a_page(chromium, tmp_path):
     """With heading and captions, whatever their own widths, and a heading is not left alone at the foot of a page."""
-    drawn = tmp_path / "drawn.svg"
-    drawn.write_text(
-        '<?xml version="1.0"?><svg width="504pt" height="374pt" viewBox="0 0 504 374"><path d="M0 0h9"/></svg>'
-    )
-    figures = [inline_figure(drawn, "A caption of three lines. " * 12)] * 2
-    write_sections(tmp_path / "p.html", "Title", "", NOTHING, [Section("Residuals", figures=figures)])
+    drawn = '<?xml version="1.0"?><svg width="504pt" height="374pt" viewBox="0 0 504 374"><path d="M0 0h9"/></svg>'
+    words = layout("Title", "", ("Residuals", [["[figure drawn]", "A caption of three lines. " * 12]] * 2))
+    write_page(tmp_path / "p.html", words, NOTHING, figures={"drawn": drawn})
     assert chromium.printed(tmp_path / "p.html") == 1
 
 
 def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
     """Five that are a little more than half a page each fill three pages; kept whole, each would leave half a page blank."""
     table = Table(["", "value", ""], [[f"row {k}", "1", "two words " * 10] for k in range(11)], text=(0, 2))
-    write_sections(tmp_path / "p.html", "Title", "", NOTHING, [Section(f"Part {k}", tables=[table]) for k in range(5)])
+    words = layout("Title", "", *((f"Part {k}", [["[table rows]"]]) for k in range(5)))
+    write_page(tmp_path / "p.html", words, NOTHING, tables={"rows": table})
     assert chromium.printed(tmp_path / "p.html") == 3
 
 
@@ -198,7 +201,8 @@ def test_dark_and_folded(chromium, tmp_path):
     """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
     long = Table(["", "value"], [[f"row {k}", "1"] for k in range(30)])
     drawn = replace(long, rows=long.rows[:2], folded=True)
-    write_sections(tmp_path / "long.html", "Long", "", NOTHING, [Section("Numbers", tables=[long, drawn])])
+    words = layout("Long", "", ("Numbers", [["[table long]"], ["[table drawn]"]]))
+    write_page(tmp_path / "long.html", words, NOTHING, tables={"long": long, "drawn": drawn})
     text = (tmp_path / "long.html").read_text(encoding="utf-8")
     assert (
         "<summary>all 30 rows</summary>" in text

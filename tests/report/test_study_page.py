@@ -5,7 +5,8 @@ import polars as pl
 import pytest
 from reading_html import Cells, words_of
 
-from tumblecal.report.study_figures import draw
+from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.study import FIGURES
 from tumblecal.show.study import answer_of, write_study_page
 
 
@@ -50,7 +51,8 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
         ["all", "100", "< 1", "bias_z", "< 1", "bias_z"],
     ]
     assert "up to 2.5 mrad" in answer.verdict.headline
-    page, figures = tmp_path / "linearization.html", draw("linearization", content, frames, tmp_path)
+    page = tmp_path / "linearization.html"
+    figures = draw_each(tmp_path, FIGURES["linearization"], content, frames)
     assert write_study_page(page, answer, figures) == [page.name]
     words = words_of(page)
     assert words.index(answer.verdict.headline) < words.index("Results") < words.index("Settings")
@@ -83,10 +85,9 @@ def test_convergence_draws_the_errors_and_the_data_sets_needed(tmp_path):
         "needed": pl.DataFrame(needed, ["method", "parameter", "threshold", "p10", "median", "p90"], orient="row"),
     }
     content = GIVEN | {"methods": list(methods), "nees_expected": 15, "data_sets": 1000}
-    figures = draw("convergence", content, frames, tmp_path)
-    assert [path.name for path in figures] == ["convergence.svg", "data_sets_needed.svg"]
-    shown = (tmp_path / "data_sets_needed.svg").read_text(encoding="utf-8")
-    assert shown.count("below ") >= 2 and "kalman" in (tmp_path / "convergence.svg").read_text(encoding="utf-8")
+    drawn = draw_each(tmp_path, FIGURES["convergence"], content, frames)
+    assert list(drawn) == ["convergence.svg", "data_sets_needed.svg"]
+    assert drawn["data_sets_needed.svg"].count("below ") >= 2 and "kalman" in drawn["convergence.svg"]
 
 
 @pytest.mark.parametrize(

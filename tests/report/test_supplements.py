@@ -10,8 +10,10 @@ import pytest
 
 import tumblecal
 from tumblecal.ground.errors import SupplementWarning
-from tumblecal.show.page import Section, write_sections
+from tumblecal.show.figures.calibration import FIGURES
+from tumblecal.show.page import write_page
 from tumblecal.show.verdict import Finding, Verdict
+from tumblecal.show.words import SectionWords, Words
 
 
 SOURCE = Path(tumblecal.__file__).parent
@@ -19,11 +21,11 @@ SOURCE = Path(tumblecal.__file__).parent
 BROKEN = """
 import sys
 import numpy as np
-from tumblecal.report import calibration_figures
 from tumblecal.show import calibration
+from tumblecal.show.figures.calibration import FIGURES
 def broken(*_):
     np.zeros(0).max()
-calibration_figures.methods_figure = calibration.methods_figure = calibration.overview_figure = broken
+FIGURES["methods.svg"] = calibration.overview_figure = broken
 sys.argv[0] = "tumblecal"
 from tumblecal.cli import main
 main()
@@ -40,7 +42,7 @@ def test_a_broken_figure_and_card_are_a_line_each(tumblecal, tmp_path, table1_fi
     assert done.returncode == 0, done.stderr
     lines = done.stderr.splitlines()
     assert [line.split(" is ")[0] for line in lines] == [
-        f"WARNING: {out}/{name}" for name in ("methods.svg", "calibration.html/methods", "calibration.html/card 1")
+        f"WARNING: {out}/{name}" for name in ("methods.svg", "calibration.html/card 1")
     ]
     assert all("ValueError: zero-size array" in line and line.endswith("; the results are complete") for line in lines)
     without = tumblecal(*arguments, "--out", bare, "--no-figures")
@@ -54,20 +56,19 @@ def test_a_broken_figure_and_card_are_a_line_each(tumblecal, tmp_path, table1_fi
 
 
 def test_an_error_in_a_figure_is_an_error_in_tests(tumblecal, tmp_path, table1_file, monkeypatch):
-    monkeypatch.setattr("tumblecal.report.calibration_figures.methods_figure", lambda _: 1 / 0)
+    monkeypatch.setitem(FIGURES, "methods.svg", lambda _: 1 / 0)
     with pytest.raises(SupplementWarning, match=r"methods\.svg is missing or incomplete \(ZeroDivisionError"):
         tumblecal("calibrate", table1_file, "--out", tmp_path / "out")
 
 
 @pytest.mark.filterwarnings("default::tumblecal.ground.errors.SupplementWarning")
 def test_a_page_keeps_what_was_made_before_an_error(tmp_path):
-    def sections():
-        yield Section("First")
-        raise IndexError("no row")
-
     verdict = Verdict("adequate", "Nothing found.", found=(Finding("A finding"),))
+    sections = [SectionWords("First", [["Words."], ["[figure broken]", "A caption"]])]
+    words = Words({"found": [["A finding", "", "", "card"]]}, sections)
     with pytest.warns(SupplementWarning) as caught:
-        write_sections(tmp_path / "p.html", "Title", "Lead", verdict, sections(), pictures={1: lambda: 1 / 0})
-    assert ["ZeroDivisionError" in str(caught[0].message), "no row" in str(caught[1].message)] == [True, True]
+        figures = {"card": lambda: 1 / 0, "broken": lambda: {}["x"]}
+        write_page(tmp_path / "p.html", words, verdict, figures=figures)
+    assert ["ZeroDivisionError" in str(caught[0].message), "KeyError" in str(caught[1].message)] == [True, True]
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "A finding" in text and "<h2>First</h2>" in text and text.rstrip().endswith("</html>")

@@ -9,7 +9,7 @@ import polars as pl
 from tumblecal.data.calibration_use import Use
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.recordings.thermal.thermal_table import ThermalTable
-from tumblecal.report import thermal_figures
+from tumblecal.show.figures import thermal
 from tumblecal.show.thermal import verdict_of_thermal, words_of_thermal
 from tumblecal.thermal.result import FoundSignal
 
@@ -110,9 +110,9 @@ def test_the_loop_of_hysteresis_has_the_means_of_each_direction_and_the_fitted_b
     own.choice.model.signals = ((given, 1),)
     own.signals = (FoundSignal("hysteresis", tuple("xyz"), "g", half, half / 10, np.abs(half), ()),)
     noise = 1e-5 * np.random.default_rng(2).normal(size=shape.shape)
-    monkeypatch.setattr(thermal_figures, "after_correction", lambda _: shape * half + noise)
-    figure = thermal_figures.hysteresis_figure(own)
-    assert [panel.get_title(loc="left") for panel in figure.axes] == ["x", "y", "z"]
+    monkeypatch.setattr(thermal, "after_correction", lambda _: shape * half + noise)
+    figure = thermal.hysteresis_figure(own)
+    assert [panel.get_title() for panel in figure.axes] == ["x", "y", "z"]
     for panel, size in zip(figure.axes, (0.6, 0.0, -0.3), strict=True):
         lines = [line for line in panel.lines if len(line.get_xdata()) == 4]
         rising, falling = (np.asarray(line.get_ydata()) for line in lines[:2])

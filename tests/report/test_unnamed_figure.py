@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tumblecal.report.unnamed_figure import small_unnamed_figure, unnamed_figure
+from tumblecal.show.figures.unnamed import small_unnamed_figure, unnamed_figure
 
 
 ALPHA, BETA = (values.ravel() for values in np.meshgrid(np.arange(0.0, 360, 45), [0.0, 45, 90]))
@@ -31,7 +31,7 @@ def diagnosis(against=None, region=False):
 
 @pytest.mark.parametrize(
     ("against", "label"),
-    [("alpha", "alpha / deg"), ("time", "time / min"), ("temperature", "temperature / degC"), ("u_z", "u_z / g")],
+    [("alpha", "alpha / °"), ("time", "time / min"), ("temperature", "temperature / °C"), ("u_z", "u_z / g")],
 )
 def test_the_law_is_drawn_against_its_variable_on_the_most_affected_output(against, label):
     for figure in (

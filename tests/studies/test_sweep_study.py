@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tumblecal.ground.errors import InputError
-from tumblecal.report.study_figures import draw
+from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.study import FIGURES
 from tumblecal.show.study import answer_of, write_study_page
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
@@ -62,8 +63,8 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert (
         answer.table.header[0] == "second_order.y, mg/g^2" and "(second_order.y 1.0 mg/g^2)" in answer.verdict.headline
     )
-    figures = draw("sweep", content, frames, tmp_path)
-    assert "study.inject.second_order.y, mg/g^2" in figures[0].read_text()
+    figures = draw_each(tmp_path, FIGURES["sweep"], content, frames)
+    assert "study.inject.second_order.y, mg/g^2" in figures["sweep.svg"]
     page = tmp_path / "sweep.html"
     write_study_page(page, answer, figures)
     assert "study.inject.second_order.y: 0, 1.0 mg/g²" in page.read_text()

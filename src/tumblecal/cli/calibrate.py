@@ -63,11 +63,12 @@ def calibrate(
         with result_set(folder, _SET) as aside:
             write_calibrated(aside, made, model.of_head(made.exact.problem))
             if figures:
-                from tumblecal.report.calibration_figures import draw_calibration
                 from tumblecal.show.calibration import write_calibration_page
+                from tumblecal.show.figures.calibration import FIGURES
+                from tumblecal.show.figures.drawing import draw_each
 
-                draw_calibration(aside, made)
-                write_calibration_page(aside / "calibration.html", made, words)
+                drawn = draw_each(aside, FIGURES, made, write=True)
+                write_calibration_page(aside / "calibration.html", made, words, drawn)
         add_to_history(more.history, folder, "calibration", made.exact.data.serial_number)
         command.warn(made.exact.data.source, words.lines("warnings"))
         row = calibration_row(file, made)

@@ -39,7 +39,7 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.pickled import Pickled
-from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, of_report
+from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, function_named
 
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class Diagnosis(Pickled, Shown):
     @cached_property
     def calibration(self) -> Calibration | None:
         """Contents of `calibration.json`; None if no calibration is written."""
-        return of_report("lab.diagnosed.extended_calibration")(self)
+        return function_named("lab.diagnosed.extended_calibration")(self)
 
     @cached_property
     def unnamed(self) -> Unnamed | None:
@@ -241,31 +241,31 @@ class Diagnosis(Pickled, Shown):
         return self.extended.chain
 
     plot_residuals: ClassVar[Drawing] = drawn_by(
-        "diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after."
+        "show.figures.diagnosis.angle_figure", "Residuals by spindle angle, before and after."
     )
     plot_columns: ClassVar[Drawing] = drawn_by(
-        "diagnosis_figures.column_figure", "The same by input, beta, time and temperature."
+        "show.figures.diagnosis.column_figure", "The same by input, beta, time and temperature."
     )
     plot_harmonics: ClassVar[Drawing] = drawn_by(
-        "diagnosis_figures.harmonics_figure", "Harmonics of alpha in the residuals."
+        "show.figures.diagnosis.harmonics_figure", "Harmonics of alpha in the residuals."
     )
     plot_explanations: ClassVar[Drawing] = drawn_by(
-        "diagnosis_figures.explanations_figure", "Probabilities of the explanations."
+        "show.figures.diagnosis.explanations_figure", "Probabilities of the explanations."
     )
     plot_predictive: ClassVar[Drawing] = drawn_by(
-        "evidence_figures.predictive_figure", "The residuals, with simulated ones."
+        "show.figures.evidence.predictive_figure", "The residuals, with simulated ones."
     )
-    plot_limits: ClassVar[Drawing] = drawn_by("evidence_figures.limits_figure", "Detection limit of each effect.")
+    plot_limits: ClassVar[Drawing] = drawn_by("show.figures.evidence.limits_figure", "Detection limit of each effect.")
 
     def screen(self) -> Screen:
         """The verdict and its reasons."""
-        return of_report("notebook.diagnosis_screen")(self)
+        return function_named("show.notebook.diagnosis_screen")(self)
 
     def table(self) -> "pl.DataFrame":
         """The explanations: `explanation`, its `probability`, that of the explanation `alone`, and the number of
         `equivalents`."""
-        return of_report("notebook.explanations")(self)
+        return function_named("show.notebook.explanations")(self)
 
     def save(self, path: Path | str) -> None:
         """Write `calibration.json` of the extended model. Raises `InputError` if it has none."""
-        of_report("notebook.save_extended")(Path(path), self)
+        function_named("show.notebook.save_extended")(Path(path), self)

@@ -16,7 +16,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation.identifiability import Identifiability
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.pickled import Pickled
-from tumblecal.ground.showing import Screen, Shown, of_report
+from tumblecal.ground.showing import Screen, Shown, function_named
 from tumblecal.ground.units import shown
 
 
@@ -267,14 +267,14 @@ class Fit(Pickled, Shown):
 
     def plot_residuals(self) -> "Figure":
         """Residuals against the spindle angle: one row for each axis, one column for each pitch setting."""
-        return of_report("calibration_figures.residuals_figure")(self)
+        return function_named("show.figures.calibration.residuals_figure")(self)
 
     def save(self, path: Path | str) -> None:
         """Write `calibration.json`, which `tumblecal.load` and `tumblecal apply` read.
 
         **Raises:** `InputError` for a fit that did not converge, or that does not estimate one sensor for all data.
         """
-        of_report("notebook.save_fit")(Path(path), self)
+        function_named("show.notebook.save_fit")(Path(path), self)
 
     def screen(self) -> Screen:
         """Parameters and quality of the fit."""

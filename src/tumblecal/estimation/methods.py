@@ -29,7 +29,7 @@ from tumblecal.estimation.setup_error import HARMLESS, SetupError
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.pickled import Pickled
-from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, of_report
+from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, function_named
 from tumblecal.ground.suggested_command import suggested
 
 
@@ -81,7 +81,7 @@ class Calibrated(Pickled, Shown):
 
     @cached_property
     def _judged(self) -> tuple[tuple[Judgement, ...], Use]:
-        return of_report("lab.judgements.judged")(self)
+        return function_named("lab.judgements.judged")(self)
 
     @property
     def judgements(self) -> tuple[Judgement, ...]:
@@ -94,7 +94,7 @@ class Calibrated(Pickled, Shown):
         return self._judged[1]
 
     plot_methods: ClassVar[Drawing] = drawn_by(
-        "calibration_figures.methods_figure", "Each method minus the exact fit, in its standard uncertainty."
+        "show.figures.calibration.methods_figure", "Each method minus the exact fit, in its standard uncertainty."
     )
 
     def plot_residuals(self) -> "Figure":
@@ -116,11 +116,11 @@ class Calibrated(Pickled, Shown):
 
     def save(self, path: Path | str) -> None:
         """Write `calibration.json` of the exact fit, as `Fit.save`, with the permitted use."""
-        of_report("notebook.save_calibrated")(Path(path), self)
+        function_named("show.notebook.save_calibrated")(Path(path), self)
 
     def screen(self) -> Screen:
         """Permitted use with reasons, parameters, and the other methods."""
-        return of_report("notebook.calibrated_screen")(self)
+        return function_named("show.notebook.calibrated_screen")(self)
 
 
 def calibrate(

@@ -27,8 +27,8 @@ def find_drawings_by(find: Callable[[str], Callable[..., Any]]) -> None:
     _finders[:] = [find]
 
 
-def of_report(name: str) -> Callable[..., Any]:
-    """A function that draws or describes a result, by `module.function`, such as `calibration_figures.residuals_figure`."""
+def function_named(name: str) -> Callable[..., Any]:
+    """A function of a later room that draws, describes or saves a result, by its path, such as `show.notebook.save_fit`."""
     return _finders[-1](name)
 
 
@@ -37,10 +37,10 @@ Drawing = Callable[..., "Figure"]
 
 
 def drawn_by(name: str, words: str) -> Drawing:
-    """A method that returns the matplotlib figure of a function of `report`; `words`: its docstring."""
+    """A method that returns the matplotlib figure of a function of `show`; `words`: its docstring."""
 
     def plot(self: Any) -> "Figure":
-        figure = of_report(name)(self)
+        figure = function_named(name)(self)
         if figure is None:
             raise ValueError(f"nothing to draw for these data: {words}")
         return figure
@@ -120,5 +120,5 @@ class Shown:
 
     def _repr_html_(self) -> str:
         plot = getattr(self, "plot_residuals", None)
-        svg = "" if plot is None else of_report("drawing.svg_text")(plot())
+        svg = "" if plot is None else function_named("show.figures.drawing.svg_text")(plot())
         return self.screen().html(svg[svg.find("<svg") :] if svg else "")

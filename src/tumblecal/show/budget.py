@@ -1,7 +1,6 @@
 """An uncertainty budget for people: its text on a terminal, and `budget.html` with its figure."""
 
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,8 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.units import shown
-from tumblecal.report.drawing import draw_each, save
 from tumblecal.show.figures.budget import shares_figure
+from tumblecal.show.figures.drawing import draw_each
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of
@@ -84,15 +83,16 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
     `notes`: reservations about the fit, for the page.
     """
     write_text(folder / "budget.json", json_text(budget_content(budget, checked)))
-    drawn = draw_each(folder, {"budget.svg": partial(shares_figure, budget)}, save)
-    return ["budget.json", *drawn, *_write_page(folder / "budget.html", budget, checked, notes)]
+    drawn = draw_each(folder, {"budget.svg": shares_figure}, budget, write=True)
+    return ["budget.json", *drawn, *_write_page(folder / "budget.html", budget, checked, notes, drawn)]
 
 
 @page
-def _write_page(path: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str]) -> None:
+def _write_page(
+    path: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str], drawn: Mapping[str, str]
+) -> None:
     words = words_of_budget(budget, checked, notes)
-    figures = {"shares": partial(shares_figure, budget)}
-    write_page(path, words, words.verdict("", ""), tables=tables_of_budget(budget, checked, words), figures=figures)
+    write_page(path, words, words.verdict("", ""), tables=tables_of_budget(budget, checked, words), figures=drawn)
 
 
 def _in_units(budget: Budget) -> Iterator[tuple[int, list[str], float]]:

@@ -1,5 +1,6 @@
 """A calibration for people: its words, its verdict, its text on a terminal, and `calibration.html`."""
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -23,8 +24,7 @@ from tumblecal.lab.judgements import remedy_words
 from tumblecal.lab.limits import NO_GRAVITY
 from tumblecal.lab.record import STRONG_CORRELATION, calibration_of, strong_correlations
 from tumblecal.lab.sensor_terms import effects_in, held_words, lacking_of_fit
-from tumblecal.report.calibration_figures import methods_figure, residuals_figure
-from tumblecal.report.finding_figures import overview_figure
+from tumblecal.show.figures.calibration import overview_figure
 from tumblecal.show.fit import TITLES, fit_words
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
@@ -92,12 +92,9 @@ def calibration_text(calibrated: Calibrated, words: Words, width: int = WIDTH) -
 
 
 @page
-def write_calibration_page(path: Path, calibrated: Calibrated, words: Words) -> None:
-    """Write the page."""
-    exact, applied = calibrated.exact, _applied(calibrated)
-    figures = {"overview": partial(overview_figure, exact), "residuals": partial(residuals_figure, exact)}
-    if len(calibrated.fits) > 1:
-        figures["methods"] = partial(methods_figure, calibrated)
+def write_calibration_page(path: Path, calibrated: Calibrated, words: Words, drawn: Mapping[str, str]) -> None:
+    """Write the page; `drawn`: SVG texts by the names of their files."""
+    applied = _applied(calibrated)
     tables = {name: Table(("", ""), words.pairs(name), text=(0, 1)) for name in ("details", "provenance")}
     tables["parameters"] = _parameters(calibrated)
     if applied is not None:
@@ -108,7 +105,8 @@ def write_calibration_page(path: Path, calibrated: Calibrated, words: Words) -> 
         verdict_of_calibration(calibrated, words),
         tone=calibrated.judgements[0].tone,
         tables=tables,
-        figures=figures,
+        figures={"overview": partial(overview_figure, calibrated.exact)}
+        | {Path(name).stem: svg for name, svg in drawn.items()},
         code={"apply": words.lines("apply")},
     )
 

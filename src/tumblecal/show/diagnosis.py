@@ -215,10 +215,11 @@ def write_diagnosis(
     write_texts(folder, texts)
     if not figures:
         return [*texts]
-    from tumblecal.report.diagnosis_figures import draw_all
     from tumblecal.show.diagnosis_page import write_diagnosis_page
+    from tumblecal.show.figures.diagnosis import figures_of
+    from tumblecal.show.figures.drawing import draw_each
 
-    drawn = {name: folder / name for name in draw_all(diagnosis, folder)}
+    drawn = draw_each(folder, figures_of(diagnosis), diagnosis, write=True)
     return [*texts, *drawn, *write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn, verdict)]
 
 

@@ -10,9 +10,8 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.numbers_shown import decimals
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning import NextPlan
-from tumblecal.report.finding_figures import card_figures, finding_signals
-from tumblecal.report.unnamed_figure import CAPTION
 from tumblecal.show.diagnosis import harm_in_u, verdict_of_diagnosis, words_of_diagnosis
+from tumblecal.show.figures.finding import card_figures, finding_signals
 from tumblecal.show.fit import fit_words
 from tumblecal.show.page import TONES, page, write_page
 from tumblecal.show.tables import Table
@@ -30,11 +29,11 @@ _SHOWN = {"Changes of the calibration", "Residuals and gain", "Causes", "Undetec
 
 @page
 def write_diagnosis_page(
-    path: Path, diagnosis: Diagnosis, plan: NextPlan, drawn: Mapping[str, Path], verdict: Verdict | None = None
+    path: Path, diagnosis: Diagnosis, plan: NextPlan, drawn: Mapping[str, str], verdict: Verdict | None = None
 ) -> None:
     """Write the page.
 
-    `path`: the HTML file. `plan`: what to measure next. `drawn`: SVG files by name. `verdict`: by default
+    `path`: the HTML file. `plan`: what to measure next. `drawn`: SVG texts by the names of their files. `verdict`: by default
     that of the diagnosis, with commands for the page's folder.
     """
     verdict = verdict or verdict_of_diagnosis(diagnosis, plan, path.parent)
@@ -50,7 +49,6 @@ def write_diagnosis_page(
         values=[] if diagnosis.calibration is None else fit_words(diagnosis.in_use.as_fit).lines("values"),
         drawn=drawn,
         signals={number: signal.label for number, signal in signals.items()},
-        unnamed_caption=CAPTION,
         parameters=list(_parameters(diagnosis)),
     )
     tables = _tables(words, _TABLES) | limit_tables(diagnosis, folded="limits.svg" in drawn)
@@ -64,7 +62,7 @@ def write_diagnosis_page(
         verdict,
         tone=TONES[diagnosis.verdict],
         tables=tables,
-        figures=cards | {Path(name).stem: file for name, file in drawn.items()},
+        figures=cards | {Path(name).stem: svg for name, svg in drawn.items()},
         plans=[*_tables(words, _PLANS).values()],
     )
 

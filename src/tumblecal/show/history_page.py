@@ -1,6 +1,6 @@
 """`history.html`: control charts, repeatability and drift of a unit on one page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from tumblecal.history.repeatability import FEWEST, UnitHistory
@@ -12,8 +12,8 @@ from tumblecal.show.words import Words
 
 
 @page
-def write_history_page(path: Path, words: Words, history: UnitHistory, charts: Sequence[str]) -> None:
-    """Write the page; `charts`: names of the control charts in its folder."""
+def write_history_page(path: Path, words: Words, history: UnitHistory, charts: Mapping[str, str]) -> None:
+    """Write the page; `charts`: SVG texts of the control charts by the names of their files."""
     found = [as_sentence(finding) for finding, _ in words.pairs("findings")]
     outcome = "flagged" if found else "stable" if len(history.entries) >= FEWEST else "open"
     verdict = Verdict(
@@ -31,5 +31,5 @@ def write_history_page(path: Path, words: Words, history: UnitHistory, charts: S
         verdict,
         tone={"flagged": "bad", "stable": "good"}.get(outcome, "open"),
         tables={name: table for name, table in tables.items() if table},
-        figures={Path(name).stem: path.parent / name for name in charts},
+        figures={Path(name).stem: svg for name, svg in charts.items()},
     )

@@ -4,11 +4,11 @@ It begins with a verdict: badge and headline, use, evidence, a card for each fin
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial, wraps
+from functools import wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Concatenate, ParamSpec
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from tumblecal import __version__
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.supplement import supplement
-from tumblecal.report.drawing import draw_each, svg_text
+from tumblecal.show.figures.drawing import draw_each
 from tumblecal.show.tables import Table
 from tumblecal.show.verdict import COMMAND, Verdict
 from tumblecal.show.words import SectionWords, Words
@@ -28,7 +28,6 @@ TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexpl
 # Characters of next steps that the first screen has room for; the rest is folded.
 _ROOM = 1000
 _Content = ParamSpec("_Content")
-_Result = TypeVar("_Result")
 _PLACE = re.compile(r"\[(table|code|figure|screen) ([^\]]+)\]")
 _SHARE = re.compile(r"0?\.\d+|1\.0*|[01]")
 
@@ -47,10 +46,10 @@ class Section:
     """A section of a page: text, then code, then tables, then figures."""
 
     title: str
-    words: Sequence[str] = ()
-    code: Sequence[str] = ()
-    tables: Sequence[Table] = ()
-    figures: Sequence[PageFigure] = field(default_factory=tuple)
+    words: list[str] = field(default_factory=list)
+    code: list[str] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    figures: list[PageFigure] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -69,29 +68,6 @@ class _Steps:
             else:
                 blocks.append((command, [text]))
         return blocks
-
-
-def inline_figure(path: Path, caption: str) -> PageFigure:
-    """An SVG file for insertion into a page: no XML header, identifiers made unique by the name of the file."""
-    return PageFigure(_named(path.read_text(encoding="utf-8"), path.stem), caption)
-
-
-def inline_drawing(figure: Figure, path: Path) -> str:
-    """A figure as SVG text for a page on which no other figure has the name of this `path`."""
-    return _named(svg_text(figure), path.stem)
-
-
-def inline_each(
-    path: Path, result: _Result, figures: Iterable[tuple[str, Callable[[_Result], Figure]]], captions: Mapping[str, str]
-) -> dict[str, PageFigure]:
-    """Figures of a result on a page by name, without those that fail."""
-    drawn = draw_each(path, {name: partial(figure_of, result) for name, figure_of in figures}, inline_drawing)
-    return {name: PageFigure(svg, captions[name]) for name, svg in drawn.items()}
-
-
-def chosen(drawn: Mapping[str, PageFigure], *names: str) -> list[PageFigure]:
-    """The figures of a section by name, those that were drawn."""
-    return [drawn[name] for name in names if name in drawn]
 
 
 def _named(svg: str, name: str) -> str:
@@ -119,53 +95,6 @@ def page(write: Callable[Concatenate[Path, _Content], None]) -> Callable[Concate
     return written
 
 
-def write_sections(
-    path: Path,
-    title: str,
-    lead: str,
-    verdict: Verdict,
-    sections: Iterable[Section],
-    *,
-    tone: str = "",
-    pictures: Mapping[int, Callable[[], Figure]] | None = None,
-    plans: Sequence[Table] = (),
-    values: Sequence[str] = (),
-) -> None:
-    """Write a complete page, or none.
-
-    **Arguments:**
-
-    - `path`: the HTML file.
-    - `title`, `lead`: its subject, a line each.
-    - `verdict`: the first screen. `tone`: its colour: good, named, open or bad.
-    - `sections`: the rest; after an error in one the page ends.
-    - `pictures`: functions that draw the cards, by number of the finding from 1 on; 0: of a verdict without a finding.
-    - `plans`: tables of the next steps, folded. `values`: results on the first screen, a line each.
-    """
-    environment = Environment(loader=PackageLoader("tumblecal.show"), autoescape=True, undefined=StrictUndefined)
-    environment.filters |= {"typeset": _typeset, "share": _share}
-    shown, folded = _next_steps(verdict)
-    cards = {f"card {number}": figure_of for number, figure_of in (pictures or {}).items()}
-    drawn, made = draw_each(path, cards, inline_drawing), list[Section]()
-    with supplement(path):
-        made.extend(sections)
-    text = environment.get_template("page.html").render(
-        title=title,
-        lead=lead,
-        tone=tone,
-        verdict=verdict,
-        cards=list(_cards(verdict, drawn)),
-        open=[one for one in verdict.unresolved if not one.findings],
-        shown=shown,
-        folded=folded,
-        plans=plans,
-        values=values,
-        sections=made,
-        footer=f"Written by tumblecal {__version__}.",
-    )
-    write_text(path, text)
-
-
 def write_page(
     path: Path,
     words: Words,
@@ -173,7 +102,7 @@ def write_page(
     *,
     tone: str = "",
     tables: Mapping[str, Table] | None = None,
-    figures: Mapping[str, Path | Callable[[], Figure]] | None = None,
+    figures: Mapping[str, str | Callable[[], Figure | None]] | None = None,
     code: Mapping[str, Sequence[str]] | None = None,
     plans: Sequence[Table] = (),
 ) -> None:
@@ -187,49 +116,55 @@ def write_page(
     **Arguments:**
 
     - `path`: the HTML file. `tone`: colour of the verdict: good, named, open or bad.
-    - `tables`, `figures`, `code`: by name; a figure is a function that draws it, or its SVG file. `plans`: tables of the next
+    - `tables`, `figures`, `code`: by name; a figure is a function that draws it, or its SVG text. `plans`: tables of the next
       steps, folded.
     """
-    tables, code, figures = tables or {}, code or {}, figures or {}
+    tables, figures, code = tables or {}, figures or {}, code or {}
     numbered = {number: cells[3] for number, cells in enumerate(words.blocks.get("found", ()), 1) if len(cells) > 3}
-    named = {0: words.text("picture")} | numbered
-    functions = {name: figure for name, figure in figures.items() if not isinstance(figure, Path)}
-    pictures = {number: functions[name] for number, name in named.items() if name in functions}
-    wanted = {
-        match[2] for section in words.sections for cells in section.entries if (match := _PLACE.fullmatch(cells[0]))
-    }
-    drawn = {name: inline_figure(figure, "").svg for name, figure in figures.items() if isinstance(figure, Path)}
-    drawn |= draw_each(path, {name: figure for name, figure in functions.items() if name in wanted}, inline_drawing)
-    write_sections(
-        path,
-        words.text("title"),
-        words.text("lead"),
-        verdict,
-        [made for one in words.sections if (made := _section(one, tables, drawn, code)) is not None],
+    pictures = {f"card {number}": name for number, name in ({0: words.text("picture")} | numbered).items()}
+    places = (_PLACE.fullmatch(cells[0]) for section in words.sections for cells in section.entries)
+    wanted = pictures | {place[2]: place[2] for place in places if place}
+    given = {key: figures[name] for key, name in wanted.items() if name in figures}
+    drawn = draw_each(path, {key: figure for key, figure in given.items() if not isinstance(figure, str)})
+    drawn |= {key: svg for key, svg in given.items() if isinstance(svg, str)}
+    drawn = {key: _named(svg, key) for key, svg in drawn.items()}
+    shown, folded = _next_steps(verdict)
+    environment = Environment(loader=PackageLoader("tumblecal.show"), autoescape=True, undefined=StrictUndefined)
+    environment.filters |= {"typeset": _typeset, "share": _share}
+    text = environment.get_template("page.html").render(
+        title=words.text("title"),
+        lead=words.text("lead"),
         tone=tone,
-        pictures=pictures,
+        verdict=verdict,
+        cards=list(_cards(verdict, drawn)),
+        open=[one for one in verdict.unresolved if not one.findings],
+        shown=shown,
+        folded=folded,
         plans=plans,
         values=words.lines("values"),
+        sections=[made for one in words.sections if (made := _section(one, tables, drawn, code)) is not None],
+        footer=f"Written by tumblecal {__version__}.",
     )
+    write_text(path, text)
 
 
 def _section(
     words: SectionWords, tables: Mapping[str, Table], drawn: Mapping[str, str], code: Mapping[str, Sequence[str]]
 ) -> Section | None:
     """A section with the content of its places; None without any content."""
-    texts, lines = list[str](), list[str]()
-    held, figures = list[Table](), list[PageFigure]()
+    made = Section(words.title)
     for first, *caption in words.entries:
         place = _PLACE.fullmatch(first)
+        kind, name = (place[1], place[2]) if place else ("", "")
         if place is None:
-            texts.append(first)
-        elif place[1] == "table":
-            held += [tables[place[2]]] if place[2] in tables else []
-        elif place[1] == "code":
-            lines += code.get(place[2], ())
-        elif place[2] in drawn:
-            figures.append(PageFigure(drawn[place[2]], *caption, on_paper=place[1] == "figure"))
-    return Section(words.title, texts, lines, held, figures) if texts or lines or held or figures else None
+            made.words.append(first)
+        elif kind == "table":
+            made.tables.extend([tables[name]] if name in tables else [])
+        elif kind == "code":
+            made.code.extend(code.get(name, ()))
+        elif name in drawn:
+            made.figures.append(PageFigure(drawn[name], *caption, on_paper=kind == "figure"))
+    return made if made.words or made.code or made.tables or made.figures else None
 
 
 def _cards(verdict: Verdict, drawn: Mapping[str, str]) -> Iterator[dict]:

@@ -1,7 +1,7 @@
 """The study of the paper as files: figures, `study.json`, `page.html`, `findings.txt`."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,10 @@ from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.lab.record import result_content
 from tumblecal.planning import NextPlan
-from tumblecal.report.paper_figures import GROUPS, draw_audit, draw_study
 from tumblecal.show.diagnosis import verdict_of_diagnosis
 from tumblecal.show.diagnosis_page import limit_tables
+from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.paper import AUDIT_FIGURES, FIGURES, GROUPS
 from tumblecal.show.fit import TITLES
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
@@ -41,13 +42,14 @@ def write_paper_study(
     folded = "\n\n".join(textwrap.fill(text, 100) for text in findings) + "\n"
     record = paper_record(study, audit, result_content(table1), findings)
     write_texts(folder, {"study.json": json_text(record), "findings.txt": folded})
-    figures = [*draw_study(study, folder), *draw_audit(audit, table1.exact, folder)]
+    figures = draw_each(folder, FIGURES, study, write=True)
+    figures |= draw_each(folder, AUDIT_FIGURES, audit, table1.exact, write=True)
     tables = {
         "explanations": _explanations_table(audit),
         "methods": _methods_table(table1),
         "published": _published_table(table1.exact),
     } | limit_tables(diagnosis)
-    _write_page(folder / "page.html", words, tables, [folder / name for name in figures])
+    _write_page(folder / "page.html", words, tables, figures)
     return findings
 
 
@@ -65,14 +67,15 @@ def words_of_paper(study: PaperStudy, audit: Audit, table1: Fit, diagnosed: Sequ
         farthest=study.names[int(np.argmax(errors))],
         difference=np.max(difference),
         early=[study.early_error[name] for name in _EARLY],
-        groups=[(f"figure{number}_{leaf}.svg", f"Figure {number}. {title}") for number, leaf, title in GROUPS],
+        groups=[
+            (f"figure{number}_{leaf}.svg", f"Figure {number}. {title}") for leaf, (number, title) in GROUPS.items()
+        ],
     )
 
 
 @page
-def _write_page(path: Path, words: Words, tables: dict[str, Table], figures: Sequence[Path]) -> None:
-    named = {figure.name: figure for figure in figures}
-    write_page(path, words, words.verdict("", ""), tone="named", tables=tables, figures=named)
+def _write_page(path: Path, words: Words, tables: Mapping[str, Table], figures: Mapping[str, str]) -> None:
+    write_page(path, words, words.verdict("", ""), tone="named", tables=tables, figures=figures)
 
 
 def _methods_table(table1: Calibrated) -> Table:

@@ -12,7 +12,8 @@ from tumblecal.design.plan import DesignedPlan
 from tumblecal.design.plan_files import capture_files, run_folder
 from tumblecal.design.positions.bounds import GOOD
 from tumblecal.ground.units import factor
-from tumblecal.report.plan_figures import figures_of, small_figure, small_use_figure
+from tumblecal.show.figures.drawing import in_card
+from tumblecal.show.figures.plan import FIGURES, in_use_figure, uncertainty_figure
 from tumblecal.show.narrow import print_table, print_words
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
@@ -93,14 +94,16 @@ def _tables(words: Words) -> dict[str, Table]:
 @page
 def write_plan_page(path: Path, plan: DesignedPlan, words: Words) -> None:
     """Write `plan.html`."""
-    figures = {**dict(figures_of(plan)), "small": small_figure, "small_in_use": small_use_figure}
+    figures = {name: partial(figure, plan) for name, figure in FIGURES.items()}
+    figures["small"] = lambda: in_card(uncertainty_figure(plan), 2.3)
+    figures["small_in_use"] = lambda: in_card(in_use_figure(plan), 2.0)
     write_page(
         path,
         words,
         words.verdict("plan", plan.rig.source),
         tone="named",
         tables=_tables(words),
-        figures={name: partial(figure, plan) for name, figure in figures.items()},
+        figures=figures,
     )
 
 

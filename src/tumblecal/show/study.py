@@ -1,6 +1,6 @@
 """The answer of a study: its words, its table, its page, and the terminal."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -61,8 +61,8 @@ def print_answer(answer: Answer, console: Console) -> None:
 
 
 @page
-def write_study_page(path: Path, answer: Answer, figures: Sequence[Path]) -> None:
-    """Write the page of a study; `figures`: its SVG files."""
+def write_study_page(path: Path, answer: Answer, figures: Mapping[str, str]) -> None:
+    """Write the page of a study; `figures`: SVG texts by the names of their files."""
     write_page(
         path,
         answer.words,
@@ -73,7 +73,7 @@ def write_study_page(path: Path, answer: Answer, figures: Sequence[Path]) -> Non
             "files": Table(["file", "contents"], answer.words.pairs("files"), text=(0, 1)),
             "settings": Table(["", ""], list(_settings(answer.content)), text=(1,)),
         },
-        figures={figure.stem: figure for figure in figures},
+        figures={Path(name).stem: svg for name, svg in figures.items()},
     )
 
 

@@ -9,7 +9,7 @@ from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.numbers_shown import rounded
 from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.units import shown
-from tumblecal.report import thermal_figures as figures
+from tumblecal.show.figures.thermal import FIGURES, small_figure
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.verdict import Verdict
@@ -21,14 +21,6 @@ from tumblecal.thermal.usual_sizes import HISTORY
 
 
 _TONES = {"only": "open", "not tested": "open", "no": "bad"}
-_FIGURES = {
-    "changes": figures.small_figure,
-    "parameters": figures.parameter_figure,
-    "residuals": figures.residual_figure,
-    "hysteresis": figures.hysteresis_figure,
-    "held_out": figures.held_out_figure,
-    "course": figures.course_figure,
-}
 
 
 def words_of_thermal(result: ThermalResult, folder: Path) -> Words:
@@ -84,7 +76,7 @@ def write_thermal_page(path: Path, result: ThermalResult, words: Words) -> None:
         verdict_of_thermal(result, words),
         tone=_TONES.get(result.calibration.use.answer or "yes", "good"),
         tables=tables,
-        figures={name: partial(figure, result) for name, figure in _FIGURES.items()},
+        figures={name: partial(figure, result) for name, figure in (FIGURES | {"changes": small_figure}).items()},
     )
 
 

@@ -1,7 +1,6 @@
 """Units on one head, or of a hand-held session, for people: words, verdict, files, and `diagnosis.html`."""
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 
 from tumblecal.chain.head_file import PITCH
@@ -13,7 +12,7 @@ from tumblecal.effects import Catalogue
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
-from tumblecal.report.drawing import draw_each, save
+from tumblecal.show.figures.drawing import draw_each
 from tumblecal.show.figures.units import shared_figure
 from tumblecal.show.page import TONES, page, write_page
 from tumblecal.show.tables import Table
@@ -81,14 +80,14 @@ def write_units(
     first, second, *others = texts
     names = [first, second, "summary.csv", *others]
     if figures:
-        drawn = draw_each(folder, {_FIGURE: partial(shared_figure, found, entries)}, save)
+        drawn = draw_each(folder, {_FIGURE: shared_figure}, found, entries, write=True)
         names += [*drawn, *write_units_page(folder / "diagnosis.html", found, words, drawn)]
     return names
 
 
 @page
-def write_units_page(path: Path, found: JointDiagnosis, words: Words, figures: Mapping[str, Path]) -> None:
-    """Write `diagnosis.html`; `figures`: their SVG files by name."""
+def write_units_page(path: Path, found: JointDiagnosis, words: Words, figures: Mapping[str, str]) -> None:
+    """Write `diagnosis.html`; `figures`: SVG texts by the names of their files."""
     tables = {}
     for name, text in _TABLES.items():
         header, *rows = words.blocks[f"table {name}"]

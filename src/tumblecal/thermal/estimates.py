@@ -118,8 +118,3 @@ def _by_parameters(result: ThermalResult) -> Float[np.ndarray, "rows 3 9"]:
     slope[:, range(3), range(3, 6)] = 1.0
     slope[:, [1, 2, 2], range(6, 9)] = force[:, [0, 0, 1]]
     return slope
-
-
-def leaves(result: ThermalResult) -> list[str]:
-    """The leaves of the parameters that follow temperature, in the order of `SENSOR`."""
-    return [*dict.fromkeys(leaf_of(name) for name in SENSOR if name in varying(result))]

@@ -80,7 +80,8 @@ def run_study(
 
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_folder
-    from tumblecal.report.study_figures import draw
+    from tumblecal.show.figures.drawing import draw_each
+    from tumblecal.show.figures.study import FIGURES
     from tumblecal.show.study import answer_of, print_answer, write_study_page
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study, unused_of_head
@@ -98,7 +99,7 @@ def run_study(
 
     def shown(aside: Path, content, frames) -> None:
         page, answer = aside / f"{kind}.html", answer_of(kind, content, frames)
-        write_study_page(page, answer, draw(kind, content, frames, aside))
+        write_study_page(page, answer, draw_each(aside, FIGURES[kind], content, frames, write=True))
 
     try:
         with _workers(tables, running) as computed, _bar(console, study.trials) as progress:

@@ -7,66 +7,58 @@ from matplotlib.figure import Figure
 from tumblecal.check.result import CheckResult
 from tumblecal.check.usual_changes import USUAL
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, new_figure
+from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, new_panel, new_panels
+from tumblecal.show.figures.panels import marks, name_rows
 
 
-# Names on the axis, at most, and their letters in one line.
-_MOST_NAMES, _ROOM = 16, 26
+# Names on the axis, at most.
+_MOST_NAMES = 17
 
 
 def check_figure(result: CheckResult) -> Figure:
     """Size of gravity and detection limits in one figure."""
-    figure = new_figure(6.2, 3.3)
-    sizes, limits = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    _draw_sizes(sizes, result)
-    _draw_limits(limits, result)
+    figure, panels = new_panels(3.3, 1, 2, 6.2, width_ratios=(1.25, 1.0))
+    _draw_sizes(panels[0, 0], result)
+    _draw_limits(panels[0, 1], result)
     return figure
 
 
 def size_figure(result: CheckResult) -> Figure:
     """Size of gravity at each attitude."""
-    figure = new_figure(4.0, 2.6)
-    _draw_sizes(figure.subplots(), result)
+    figure, panel = new_panel(2.6, 4.0)
+    _draw_sizes(panel, result)
     return figure
 
 
 def limit_figure(result: CheckResult) -> Figure:
     """Detection limits over the usual changes."""
-    figure = new_figure(4.0, 2.6)
-    _draw_limits(figure.subplots(), result)
+    figure, panel = new_panel(2.6, 4.0)
+    _draw_limits(panel, result)
     return figure
 
 
-def _draw_sizes(axes: Axes, result: CheckResult) -> None:
+def _draw_sizes(panel: Axes, result: CheckResult) -> None:
     """Deviations from the expected size, with the range without a change."""
-    excess, u = result.sizes.excess * 1e3, result.sizes.sd * 1e3
-    at = np.arange(len(excess))
-    axes.bar(at, 4 * u, bottom=-2 * u, color=BAND, width=0.8, zorder=1)
-    far = np.abs(excess) > 2 * u
-    axes.plot(at[~far], excess[~far], "o", color=INK, markersize=4)
-    axes.plot(at[far], excess[far], "o", color=OUTSIDE, markersize=5)
-    axes.axhline(0, color=MUTED, linewidth=0.8)
-    axes.grid(axis="x", visible=False)
-    if len(at) <= _MOST_NAMES:
-        longest = max(map(len, result.data.names))
-        axes.set_xticks(at, result.data.names, rotation=90 if longest * len(at) > _ROOM else 0)
-    axes.set_ylabel("size of gravity, deviation / mg")
-    axes.set_title("band: 95 % without a change")
+    excess, u, names = result.sizes.excess * 1e3, result.sizes.sd * 1e3, result.data.names
+    place, far = np.arange(len(excess)), np.abs(excess) > 2 * u
+    panel.bar(place, 4 * u, bottom=-2 * u, color=BAND)
+    for here, colour in ((~far, INK), (far, OUTSIDE)):
+        marks(panel, place[here], excess[here], colour)
+    panel.axhline(0, color=MUTED, lw=0.8)
+    panel.grid(axis="x", visible=False)
+    some = slice(None, None, 1 + len(names) // _MOST_NAMES)
+    panel.set_xticks(place[some], names[some], rotation=90)
+    panel.set(ylabel="size of gravity, deviation / mg", title="band: 95 % without a change")
 
 
-def _draw_limits(axes: Axes, result: CheckResult) -> None:
+def _draw_limits(panel: Axes, result: CheckResult) -> None:
     """A bar for each parameter, over its usual change."""
-    seen = result.sensitivity.limits / USUAL
-    finite = np.isfinite(seen)
-    rows = np.arange(len(SENSOR))[::-1]
-    axes.barh(rows[finite], seen[finite], color="#b9d3ea")
-    for row, there in zip(rows, finite, strict=True):
-        if not there:
-            axes.text(0.03, row, "not visible", va="center", color=OUTSIDE, transform=axes.get_yaxis_transform())
-    axes.axvline(1.0, color=MUTED, linewidth=0.8)
-    axes.set_yticks(rows, SENSOR)
-    axes.set_xscale("log")
-    axes.set_xlim(0.01, 100)
-    axes.grid(axis="y", visible=False)
-    axes.set_xlabel("smallest detected change / usual change")
-    axes.set_title("usual: 1.5 mg, 0.5e-3, 2 mrad")
+    limits = result.sensitivity.limits / USUAL
+    rows, seen = np.arange(len(SENSOR)), np.isfinite(limits)
+    panel.barh(rows[seen], limits[seen], color="#b9d3ea")
+    for row in rows[~seen]:
+        panel.text(0.03, row, "not visible", va="center", color=OUTSIDE, transform=panel.get_yaxis_transform())
+    panel.axvline(1.0, color=MUTED, lw=0.8)
+    name_rows(panel, SENSOR)
+    panel.set(xscale="log", xlim=(0.01, 100))
+    panel.set(xlabel="smallest detected change / usual change", title="usual: 1.5 mg, 0.5e-3, 2 mrad")

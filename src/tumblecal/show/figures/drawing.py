@@ -1,0 +1,111 @@
+"""Style of all figures, and drawing them: as SVG, without a display, reproducible to the bit."""
+
+import io
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from cycler import cycler
+
+
+matplotlib.use("Agg")
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.supplement import supplement
+
+
+# Colours that colour-blind readers distinguish, also in grey (Okabe and Ito 2008).
+INK = "#222222"
+MUTED = "#9a9a9a"
+BAND = "#e9e9e9"
+OUTSIDE = "#CC3311"
+BLUE = "#0072B2"
+AXIS_COLOUR = {"x": BLUE, "y": "#D55E00", "z": "#009E73"}
+# In this order for the parts of a figure that are not axes, such as mountings, methods and inputs.
+COLOURS = (*AXIS_COLOUR.values(), "#CC79A7", "#E69F00", "#56B4E9", "#b8b8b8", "#7a5195", "#F0E442")
+# Widths of the figures of a page and of a card, inches.
+WIDTH, CARD = 7.5, 3.9
+
+# The functions of a result that draw its figures, by name.
+Figures = Mapping[str, Callable[..., Figure | None]]
+
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.labelsize": 9,
+    "date.converter": "concise",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555555",
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.prop_cycle": cycler(color=COLOURS),
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "legend.frameon": False,
+    "legend.fontsize": 7.5,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "tumblecal",
+    "figure.dpi": 100,
+    "savefig.dpi": 150,
+}
+matplotlib.rcParams.update(STYLE)
+
+
+def new_panels(
+    height: float, rows: int = 1, columns: int = 1, width: float = WIDTH, **shared: Any
+) -> tuple[Figure, Any]:
+    """A figure (sizes in inches) and its panels (rows, columns); `shared`: such as `sharex`."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+
+
+def new_panel(height: float, width: float = WIDTH, **labels: str) -> tuple[Figure, Axes]:
+    """A figure with one panel; `labels`: such as `xlabel`."""
+    figure, panels = new_panels(height, width=width)
+    panels[0, 0].set(**labels)
+    return figure, panels[0, 0]
+
+
+def in_card(figure: Figure | None, height: float) -> Figure | None:
+    """A figure in the size of a card."""
+    if figure is not None:
+        figure.set_size_inches(CARD, height)
+    return figure
+
+
+def svg_text(figure: Figure) -> str:
+    """A figure as the text of an SVG file. It is laid out and drawn once; `savefig` does both twice."""
+    engine, text = figure.get_layout_engine(), io.StringIO()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+    FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": "tumblecal"})
+    return text.getvalue()
+
+
+def draw_each(folder: Path, figures: Figures, *result: Any, write: bool = False) -> dict[str, str]:
+    """Draw each figure of a result, without those that are None or fail (see `supplement`).
+
+    **Arguments:**
+
+    - `folder`, `figures`: file, and the function of the result that makes the figure, by name. `write`: whether to write it.
+
+    **Returns:** SVG texts by name.
+    """
+    drawn = {}
+    for name, figure_of in figures.items():
+        with supplement(folder / name):
+            if (figure := figure_of(*result)) is not None:
+                text = svg_text(figure)
+                if write:
+                    write_text(folder / name, text)
+                drawn[name] = text
+    return drawn

@@ -1,0 +1,45 @@
+"""Control charts of a unit: one figure for each kind of parameter."""
+
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tumblecal.data.sensor_parameters import GROUPS, leaf_of
+from tumblecal.ground.units import shown
+from tumblecal.history.repeatability import Trend, UnitHistory
+from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, Figures, new_panels
+
+
+def figures_of(history: UnitHistory) -> Figures:
+    """The functions that draw the control charts, by file."""
+    kinds = {leaf_of(trend.name) for trend in history.trends}
+    return {f"history_{leaf}.svg": partial(chart_figure, leaf) for leaf in GROUPS if leaf in kinds}
+
+
+def chart_figure(leaf: str, history: UnitHistory) -> Figure:
+    """The control charts of one kind of parameter."""
+    trends = [trend for trend in history.trends if leaf_of(trend.name) == leaf]
+    figure, panels = new_panels(1.5 * len(trends) + 0.6, len(trends), sharex=True)
+    times = [entry.when for entry in history.entries]
+    dated = len(set(times)) == len(times)
+    for panel, trend in zip(panels[:, 0], trends, strict=True):
+        _draw(panel, times if dated else np.arange(len(times)) + 1, trend)
+    last = panels[-1, 0]
+    last.set_xlabel("date" if dated else "result")
+    if not dated:
+        last.locator_params(axis="x", integer=True)
+    return figure
+
+
+def _draw(panel: Axes, across, trend: Trend) -> None:
+    """Results with their expanded uncertainty, the fitted line, and the control limits, if there are any."""
+    unit, factor = shown(trend.unit)
+    across, values = np.asarray(across), factor * trend.values
+    if trend.control > 0:
+        panel.axhspan(*(factor * (trend.mean + side * trend.control) for side in (-1, 1)), color=BAND, lw=0, zorder=0)
+    panel.plot(across, factor * trend.fitted, color=MUTED, lw=0.8)
+    panel.errorbar(across, values, factor * trend.expanded, fmt="o", color=INK, elinewidth=0.8)
+    panel.plot(across[trend.outside], values[trend.outside], "o", ms=6, color=OUTSIDE)
+    panel.set_ylabel(f"{trend.name} / {unit}".replace("@", "\n@"))
