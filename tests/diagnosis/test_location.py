@@ -8,6 +8,7 @@ import pytest
 
 from blind_noise import position_set
 from tumblecal.diagnosis.findings.location import located
+from tumblecal.ground.json_file import json_text
 from tumblecal.planning import next_plan
 from tumblecal.show.diagnosis import record
 
@@ -48,7 +49,7 @@ def test_part_is_told_in_words_and_in_the_record(diagnoser):
     assert told.part == "in the second half"
     assert told.positions == 12
     assert diagnosis.verdict != "identified"
-    content = json.loads(json.dumps(record(diagnosis, next_plan(diagnosis)), default=float))
+    content = json.loads(json_text(record(diagnosis, next_plan(diagnosis))))
     assert content["located"][0]["effect"] == name
     said = " ".join(content["text"].split())
     assert f"{name} in the second half alone (12 positions). odds in favour of this" in said.lower()

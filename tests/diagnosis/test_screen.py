@@ -1,5 +1,6 @@
 """What a plan alone decides; the answer for one file does not depend on the files before it."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
+from tumblecal.ground.json_file import json_text
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.show.diagnosis import record
@@ -18,13 +20,17 @@ from tumblecal.show.diagnosis import record
 def test_files_before_do_not_matter(hidden):
     first = hidden(31, {"second_order.y": [8e-4]})
     second = hidden(32, {"index_eccentricity": [3e-4, 2e-4]})
-    alone = record(Diagnoser(nested=False)(second), NextPlan())
+    alone = written(Diagnoser(nested=False)(second))
     both = Diagnoser(nested=False)
     both(first)
-    words, numbers = leaves(record(both(second), NextPlan()))
+    words, numbers = leaves(written(both(second)))
     words_alone, numbers_alone = leaves(alone)
     assert words == words_alone
     np.testing.assert_allclose(numbers, numbers_alone, rtol=1e-7, atol=1e-12)
+
+
+def written(diagnosis):
+    return json.loads(json_text(record(diagnosis, NextPlan())))
 
 
 def leaves(value):

@@ -65,16 +65,14 @@ MEMBERS = (("bias_drift.x",), ("bias_temperature.x",), ("warm_up",), ("bias_temp
 FACTORS = [
     Factor((("second_order.z",), ("cross_axis_square.z",)), (Reason("identity"),)),
     Factor(MEMBERS, (CLOCKS, Reason("angles"), CLOCKS._replace(r=0.9991))),
-    *(
-        Factor((("a",), ("b",)), (reason,))
-        for reason in (Reason("size"), Reason("unnamed"), Reason("range", ("pitch",)))
-    ),
+]
+FACTORS += [
+    Factor((("a",), ("b",)), (one,)) for one in (Reason("size"), Reason("unnamed"), Reason("range", ("pitch",)))
 ]
 SLOPE, SQUARE = Coefficient({"a": 1.0}, 0.5, 0.1, "mg/degC"), Coefficient({"b": 1.0}, 4.0, 0.2, "ug/degC^2")
 
 
 def finding(*labels, sizes=(SLOPE, SQUARE), reference=None):
-    """A finding of causes with these coefficients."""
     entries = [catalogue()[id_of(label)] for label in labels]
     slots = [SimpleNamespace(polynomial=entry.polynomial[0], order=entry.polynomial[1]) for entry in entries]
     causes = [Cause(EFFECT, label, 0.0, 0.0, slot=slot) for label, slot in zip(labels, slots, strict=True)]
@@ -87,33 +85,27 @@ FINDINGS = [
     finding("index_zero", sizes=[replace(SLOPE, weights={"c": 1.0, "d": -0.5}), replace(SQUARE, sd=None)]),
     finding("outlier_position:p1+p4", sizes=()),
 ]
+DOUBTED, OPEN = {"noise_level": NoiseFault("every sd times 3", "unexplained")}, SimpleNamespace(resolved=False)
 
 
-DOUBTED = {"noise_level": NoiseFault("every sd times 3", "unexplained")}
-
-
-def diagnosed(
-    verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), probability=0.97, open_causes=0, **changed
-):
-    """As much of a diagnosis as a headline needs; `open_causes`: number of causes that are not resolved."""
+def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), probability=0.97, factors=(), **changed):
+    """As much of a diagnosis as a headline needs."""
     best, other = SimpleNamespace(labels=labels, probability=probability), SimpleNamespace(probability=0.02)
     screened = SimpleNamespace(detection=SimpleNamespace(p_value=3.2e-13))
     given = {"setup_errors": (), "noise_labels": (), "implausible": (), "located": [], "data": range(24)}
-    given |= {"factors": [SimpleNamespace(resolved=False)] * open_causes, "leading": lambda least, most: [best, other]}
+    given |= {"factors": factors, "leading": lambda least, most: [best, other]}
     return SimpleNamespace(verdict=verdict, best=best, screened=screened, **given | changed)
 
 
 HEADLINES = {
     "adequate": (diagnosed("adequate", ()), 0),
     "identified": (diagnosed("identified", ("a.x",)), 1),
-    "one of two open": (diagnosed(open_causes=1), 2),
-    "both open": (diagnosed(open_causes=2), 2),
-    "one and open": (diagnosed(labels=("a.x",), open_causes=1), 1),
+    "one of two open": (diagnosed(factors=[OPEN]), 2),
+    "both open": (diagnosed(factors=[OPEN, OPEN]), 2),
+    "one and open": (diagnosed(labels=("a.x",), factors=[OPEN]), 1),
     "unexplained": (diagnosed("unexplained"), 1),
     "noise": (diagnosed("identified", (), noise_labels=("noise_unequal",)), 1),
-    "noise, not sure": (
-        diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong={}, probability=0.6), 1,
-    ),
+    "noise, not sure": (diagnosed(labels=(), noise_labels=("noise_level",), noise_wrong={}, probability=0.6), 1),
     "noise or no entry": (diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong=DOUBTED), 1),
     "not sure": (diagnosed(probability=0.6), 2),
     "equally probable": (diagnosed(probability=0.03), 2),
