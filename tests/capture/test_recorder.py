@@ -200,6 +200,8 @@ def test_what_is_no_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError, match="not a serial device"):
         Port(str(tmp_path / "file"), 9600)
+    with pytest.raises(InputError, match=r"port socket://127.0.0.1:1: cannot be opened \("):
+        Port("socket://127.0.0.1:1", 9600)
     rig = Rig(tmp_path)
     monkeypatch.setattr(serial.Serial, "open", refuse)
     with pytest.raises(InputError, match=r"no permission; the device belongs to the group \S+: `sudo usermod -aG"):

@@ -17,7 +17,7 @@ from hand_fed import HandFed
 
 from tumblecal.capture.capture_plan import CapturePlan, ChamberTable, SoakTable
 from tumblecal.capture.chamber import soak
-from tumblecal.capture.chamber.chamber import TextChamber
+from tumblecal.capture.chamber.chamber import Chamber
 from tumblecal.capture.chamber.soak import Stability
 from tumblecal.capture.journal import RunState
 from tumblecal.capture.run.guide import Phase
@@ -279,7 +279,7 @@ def test_dialects_of_chambers_on_a_serial_line(tmp_path: Path) -> None:
     watlow = {"set": ":SOURCE:CLOOP1:SPOINT {}", "query": ":SOURCE:CLOOP1:PVALUE?", "start": ["*IDN?"]}
     with scripted(tmp_path / "oven", answers) as (heard, _):
         for table, read in (({}, 23.45), (espec, -40.1), (watlow, 24.9), ({"set": "SETP {}", "query": "T?"}, 25.0)):
-            chamber = TextChamber(ChamberTable.model_validate(quick | table))
+            chamber = Chamber(ChamberTable.model_validate(quick | table))
             chamber.set_temperature(40)
             assert chamber.temperature() == read
             chamber.close()
@@ -305,7 +305,7 @@ def test_a_chamber_that_does_not_answer_or_answers_rubbish_is_one_line(
     tmp_path: Path, answer: bytes, words: str
 ) -> None:
     with scripted(tmp_path / "oven", lambda command: answer) as (heard, _):
-        chamber = TextChamber(ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.05))
+        chamber = Chamber(ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.05))
         with pytest.raises(InputError) as error:
             chamber.temperature()
         assert words in str(error.value) and "\n" not in str(error.value) and heard == ["MEAS:TEMP?"] * 3
@@ -314,7 +314,7 @@ def test_a_chamber_that_does_not_answer_or_answers_rubbish_is_one_line(
 
 def test_a_line_to_the_chamber_that_was_cut_is_opened_again(tmp_path: Path) -> None:
     with scripted(tmp_path / "oven", lambda command: b"20.0\n"):
-        chamber = TextChamber(ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.2, set_query="SOUR:TEMP:SPO?"))
+        chamber = Chamber(ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.2, set_query="SOUR:TEMP:SPO?"))
         assert chamber.temperature() == 20.0
     with pytest.raises(InputError, match="oven: the line is interrupted"):
         chamber.set_temperature(20)

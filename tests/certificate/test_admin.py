@@ -85,7 +85,7 @@ def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):
         assert outcome.code == 2 and outcome.lines and any(words in line for line in outcome.lines), outcome.lines
     limits = tmp_path / "limits.toml"
     for own, words in (
-        ('dB = "1 mg"', "limits.dB: no parameter"),
+        ('dB = "1 mg"', "limits: dB: no such parameter"),
         ('bias = "1 mrad"', "their dimensions differ"),
         ('dK = "0"', "above 0"),
     ):

@@ -21,7 +21,7 @@ from tumblecal.diagnosis import Diagnoser
 from tumblecal.estimation import exact, problem_of
 from tumblecal.lab.record import calibration_of
 from tumblecal.planning import NextPlan
-from tumblecal.report.diagnosis_files import write_diagnosis
+from tumblecal.show.diagnosis import write_diagnosis
 
 
 ROOT = Path(__file__).parents[2]

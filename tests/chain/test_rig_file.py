@@ -147,14 +147,12 @@ effects = ["warp"]
 dK = { value = 1, unit = "mg" }
 [priors]
 dbeta = "3"
-[noise]
-sd = "0.1 furlong"
 """
     )
     with pytest.raises(InputError) as refused:
         read_rig(path)
     text = str(refused.value)
-    for place in ("chain.effects", "truth.dK.unit", "priors.dbeta", "noise.sd"):
+    for place in ("chain.effects", "truth.dK.unit", "priors.dbeta"):
         assert re.search(rf"{re.escape(str(path))}:line \d+: {re.escape(place)}", text), place
 
 

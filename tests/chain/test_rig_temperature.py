@@ -6,10 +6,11 @@ import pytest
 from tumblecal import InputError
 from tumblecal.chain import followings_of, nominal_chain, settings
 from tumblecal.chain.rig_file import read_rig
-from tumblecal.chain.rig_temperature import temperature_tables
+from tumblecal.chain.rig_temperature import temperature_content
 from tumblecal.diagnosis.model.followed import already_followed
 from tumblecal.effects import catalogue
 from tumblecal.ground.soaks import soaks
+from tumblecal.ground.strict_toml import toml_lines
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
@@ -138,7 +139,7 @@ def test_the_tables_of_a_chain_describe_it(configs, tmp_path):
     text = (configs / "thermal_soaks.toml").read_text()
     first, last = text.index("[temperature]"), text.index("[noise]")
     path = tmp_path / "again.toml"
-    path.write_text(text[:first] + "\n".join(temperature_tables(chain, with_truth=True)) + text[last:])
+    path.write_text(text[:first] + "\n".join(toml_lines({"temperature": temperature_content(chain)})) + text[last:])
     again = read_rig(path)
     assert again.temperature.range_degc == (0.0, 60.0)
     np.testing.assert_allclose(again.true_chain(again.where).vector, chain.vector, rtol=1e-12)

@@ -128,13 +128,14 @@ main()
     ("module", "number"),
     [
         ("cyclopts", signal.SIGTERM),
-        ("tumblecal.cli.effects", signal.SIGINT),
+        ("tumblecal.cli.simulate", signal.SIGINT),
         ("tumblecal.effects.catalogue", signal.SIGTERM),
     ],
 )
 def test_a_signal_while_modules_are_imported_is_one_line(module, number):
     """Before the command begins, as it is loaded, and within its own first imports."""
-    command = ["env", "--default-signal=INT", sys.executable, "-c", EARLY, module, str(int(number)), "effects"]
+    simulate = ["simulate", "none.toml", "--out", "none.csv"]
+    command = ["env", "--default-signal=INT", sys.executable, "-c", EARLY, module, str(int(number)), *simulate]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     word = "interrupted" if number == signal.SIGINT else "terminated"
     assert done.stderr == f"tumblecal: {word}; no file was left half-written\n" and done.stdout == ""

@@ -8,9 +8,9 @@ import pytest
 from tumblecal import read_rig, simulate
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.commands import app
-from tumblecal.cli.options import angles
 from tumblecal.data import write_positions
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import angles
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("few_effects")
 @pytest.mark.parametrize(
     ("texts", "expected"),
     [
-        ((), None),
+        ((), ()),
         (("0", "90", "-30"), (0.0, 90.0, -30.0)),
         (("0:90:30",), (0.0, 30.0, 60.0, 90.0)),
         (("-30:30:20", "5,10"), (-30.0, -10.0, 10.0, 30.0, 5.0)),
@@ -99,7 +99,7 @@ def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, two_files):
     """Two files are adequate as two runs, not as one."""
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
     outcome = tumblecal("diagnose", "--join", *two_files, *options)
-    assert outcome.out.startswith("Runs: a, b: one for each file (--same-run joins them).\n")
+    assert outcome.out.startswith("Runs: a, b. With --same-run, ")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == "adequate"
     outcome = tumblecal("diagnose", "--join", "--same-run", *two_files, *options)
     assert outcome.out.startswith("Assumed: one run for all 2 files.\n")

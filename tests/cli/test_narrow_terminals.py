@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tumblecal.cli.output import Output
+from tumblecal.cli.command import Command
 from tumblecal.data import write_positions
 
 
@@ -45,13 +45,13 @@ def test_calibrate_s_names_and_words_are_whole(tumblecal, long_names, tmp_path, 
 
 @pytest.mark.parametrize("width", [60, 70, 80])
 def test_diagnose_s_words_are_whole(capsys, monkeypatch, width):
-    """Every paragraph of a diagnosis is said by `Output.say`."""
+    """Every paragraph of a diagnosis is said by `Command.say`."""
     said = (
         "Best explanation: bias_temperature.x + cross_axis_square.z_yy + outlier_position:a-position-named-at-length (p "
         f"0.97).\n- {'cross_axis_square.z_yy' * 4} = 0.2 mg/g^2 of SN-2558184602-0000-A7-REV-B-2026 in bench/first-unit.csv"
     )
     monkeypatch.setenv("COLUMNS", str(width))
-    Output().say(said)
+    Command().say(said)
     check(capsys.readouterr().out, said, width)
 
 

@@ -81,7 +81,7 @@ def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tum
     stated = json.loads((tmp_path / "both" / "result.json").read_text())["methods"]["exact"]["parameters"]
     for name, each in record["parameters"].items():
         assert stated[name]["sd"] == pytest.approx(each["u"], rel=3e-3), name
-    suggestion = next(line for line in designed.out.splitlines() if "calibrate" in line)
+    suggestion = next(line for line in designed.out.splitlines() if "tumblecal calibrate" in line)
     # A diagnosis proposes positions at visits that are not measured yet.
     outcome = tumblecal("diagnose", *joined, "--out", "found")
     assert outcome.code == 0 and "ADEQUATE" in outcome.out, outcome.lines

@@ -77,7 +77,7 @@ def test_the_cause_of_a_refusal_is_found_by_the_command_that_is_printed(tumbleca
     files = soaks("bent", 10, 25, 40, faces=np.concatenate([FACES, EDGES]), square=4e-3)
     outcome = tumblecal("thermal", *files, *OF_MEANS, "--out", "made")
     assert outcome.code == 3
-    (command,) = [line for line in outcome.out.splitlines() if line.startswith("tumblecal ")]
+    (command,) = [line.strip() for line in outcome.out.splitlines() if line.strip().startswith("tumblecal ")]
     assert command == "tumblecal diagnose made/bins.csv"
     assert tumblecal(*shlex.split(command)[1:], "--no-figures", "--out", "cause").code in (0, 3)
     assert "second_order" in Path("cause/diagnosis.json").read_text()

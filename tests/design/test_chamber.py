@@ -12,12 +12,12 @@ from tumblecal.chain.rig_file import rig_of
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.design.common_plans import Positions
 from tumblecal.design.plan import design_plan
+from tumblecal.design.plan_files import capture_files, capture_text, rig_text
 from tumblecal.design.wanted import Wanted
 from tumblecal.effects import catalogue
 from tumblecal.estimation.exact import fit
 from tumblecal.ground.errors import InputError
-from tumblecal.report.plan_files import capture_files, capture_text, rig_text
-from tumblecal.report.plan_tables import position_table
+from tumblecal.show.plan import words_of_plan
 from tumblecal.simulation.position_means import simulated
 
 
@@ -90,11 +90,11 @@ def test_a_calibration_states_the_uncertainties_of_a_plan_in_a_chamber(content, 
     # The captures request the temperatures.
     listed = [
         step.temperature_degc
-        for rows in capture_files(plan).values()
-        for step in CapturePlan.model_validate(tomllib.loads(capture_text(plan, rows, Path("plan")))).steps
+        for name in capture_files(plan)
+        for step in CapturePlan.model_validate(tomllib.loads(capture_text(plan, name, Path("plan")))).steps
     ]
     assert listed == degc[plan.measured :].tolist()
-    assert [float(row[-1]) for row in position_table(plan).rows] == listed
+    assert [float(row[-1]) for row in words_of_plan(plan, Path("plan")).blocks["positions"][1:]] == listed
     if not wanted.measured:
         assert all({*(each.positions.temperature_degc or ())} == {0.0, 50.0} for each in plan.practice)
 

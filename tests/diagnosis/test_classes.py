@@ -10,8 +10,8 @@ import blind_instrument as blind
 from tumblecal.chain import settings
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.rig_files import extended_rig_text
+from tumblecal.lab.extended_rig import extended_rig_text
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def added(data: PositionSet, rows, change) -> PositionSet:

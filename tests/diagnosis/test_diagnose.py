@@ -7,14 +7,13 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
+from tumblecal.diagnosis.coefficients import coefficients
 from tumblecal.diagnosis.findings.gain import folds
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
-from tumblecal.report.cause_words import coefficients, less_probable_words
-from tumblecal.report.diagnosis_files import record
-from tumblecal.report.diagnosis_page import write_diagnosis_page
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+from tumblecal.show.diagnosis import record, verdict_of_diagnosis
+from tumblecal.show.diagnosis_page import write_diagnosis_page
 
 
 def names(diagnosis):
@@ -45,8 +44,8 @@ def test_one_effect_is_named_measured_and_gained_from(diagnoser, hidden):
     diagnosis = diagnoser(data)
     assert {"cross_coupling.y.yz"} in names(diagnosis)
     (member,) = diagnosis.members
-    value = coefficients(diagnosis, member)["cross_coupling.y.yz"]
-    assert value["unit"] == "mg/g^2" and abs(value["value"] - 0.7) < 4 * value["sd"] < 0.4
+    (size,) = coefficients(diagnosis, member)
+    assert size.unit == "mg/g^2" and abs(size.value - 0.7) < 4 * size.sd < 0.4
     assert diagnosis.gain.cv_rms_after_g < diagnosis.gain.cv_rms_before_g
     assert diagnosis.gain.delta_bic < -20 and diagnosis.gain.f_p_value < 1e-6
     assert diagnosis.extended.chi2 / diagnosis.extended.dof == pytest.approx(1, abs=0.6)
@@ -90,11 +89,12 @@ def test_mislabelled_angle(diagnoser, hidden):
 
 @pytest.mark.long
 def test_an_entry_that_looks_like_an_effect_in_no_entry_is_stated_with_the_probability_of_the_latter(diagnoser, hidden):
-    best = diagnoser(hidden(8, {"?square_times_sine.y": [1e-3]}, plan=(4, 12))).best
+    diagnosis = diagnoser(hidden(8, {"?square_times_sine.y": [1e-3]}, plan=(4, 12)))
+    best = diagnosis.best
     share = dict(best.less_probable)[("unexplained",)]
     assert 0.02 < share < 1 - best.probability
-    (said,) = less_probable_words(best)
-    assert f"an effect that is not in the catalogue (probability {share:.2f})" in said
+    said = f"an effect that is not in the catalogue (probability {share:.2f})"
+    assert said in verdict_of_diagnosis(diagnosis).words()
 
 
 @pytest.mark.long
@@ -112,7 +112,7 @@ def test_implausible_parameters_speak_up_before_the_verdict(diagnoser, hidden, t
     assert text.startswith("UNEXPLAINED: Implausible parameter values: ") and "\nFound: 1. bias_y = " in text
     # The test of the residuals does not contradict the lines before it.
     assert "Nominal model not rejected" not in text and "this does not confirm them" in text
-    write_diagnosis_page(tmp_path / "diagnosis.html", diagnosis, NextPlan(), [])
+    write_diagnosis_page(tmp_path / "diagnosis.html", diagnosis, NextPlan(), {})
     assert "Implausible parameter values: " in (tmp_path / "diagnosis.html").read_text()
     with pytest.raises(InputError, match=r"axis z reads the negative of axis x"):
         diagnoser(hidden(9, {}, change=lambda readings, rng: readings[:, [0, 1, 0]] * [1, 1, -1]))

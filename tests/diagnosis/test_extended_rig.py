@@ -6,7 +6,7 @@ import pytest
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
-from tumblecal.report.rig_files import extended_rig_text
+from tumblecal.lab.extended_rig import extended_rig_text
 
 
 def predicted(path, tmp_path, text):

@@ -14,7 +14,6 @@ from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
 from tumblecal.diagnosis.sets.prior import given_found
 from tumblecal.effects import catalogue
 from tumblecal.effects.added_terms import output_effect
-from tumblecal.report.cause_words import less_probable_words
 
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +96,8 @@ def words(best, columns=COLUMNS):
     for title in ("separable", "supersets"):
         if listed := getattr(best, title):
             lines.append(f"{title}: " + " | ".join("+".join(labels) for labels in listed))
-    return "\n".join([*lines, *less_probable_words(best)])
+    lines += [f"less probable: {'+'.join(labels)} {share:.2f}" for labels, share in best.less_probable if share >= 0.02]
+    return "\n".join(lines)
 
 
 def test_factors_verdicts_and_probabilities(snapshot):

@@ -9,8 +9,8 @@ from tumblecal.data import PositionSet
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.ground.errors import InputError
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.head_words import ATTITUDES, units_text
+from tumblecal.show.diagnosis import verdict_of_diagnosis
+from tumblecal.show.units_together import verdict_of_units, words_of_units
 
 
 SIGMA, COUNT = 1e-4, 24
@@ -47,9 +47,10 @@ def test_sensors_of_one_session(diagnoser):
     sets = sensors(3, K2)
     screened = [diagnoser.begun(own, noise_sd=SIGMA).screened for own in sets]
     found = joint_diagnosis(screened, [own.source for own in sets])
-    rows = [(f"u{k}", {"causes": " + ".join(own.best.labels), "probability": 0.9}) for k, own in enumerate(screened)]
-    text = units_text(found, rows, diagnoser.entries)
-    assert ATTITUDES in text and found.fit.head is None and "error of the head" not in text
+    causes = [" + ".join(own.best.labels) for own in screened]
+    rows = [(f"u{k}", {"causes": labels, "probability": 0.9, "verdict": ""}) for k, labels in enumerate(causes)]
+    text = verdict_of_units(found, words_of_units(found, rows, diagnoser.entries)).words()
+    assert "No dividing head is involved" in text and found.fit.head is None and "error of the head" not in text
     assert found.joint.best.by_unit == ("second_order.y",) and found.verdict == "identified"
     (effect,) = found.joint.best.hypothesis.random_effects
     mean, sd = (own[0] * effect.signal.scales[0] for own in found.amounts["second_order.y"].mean)

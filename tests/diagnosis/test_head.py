@@ -11,8 +11,7 @@ import blind_instrument as blind
 from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.estimation.plausibility import implausible_head
-from tumblecal.report.head_files import write_units
-from tumblecal.report.head_words import units_text
+from tumblecal.show.units_together import words_of_units, write_units
 
 
 LEVEL = 0.3e-3
@@ -107,7 +106,8 @@ def test_a_head_such_as_none_is_goes_into_no_file(found, diagnoser, tmp_path):
     for told, written in ((found, True), (replace(found, implausible=unusual), False)):
         folder = tmp_path / str(written)
         folder.mkdir()
-        names = write_units(folder, told, rows, diagnoser.entries, figures=False)
+        words = words_of_units(told, rows, diagnoser.entries)
+        names = write_units(folder, told, rows, diagnoser.entries, words, figures=False)
         assert ("head.toml" in names) == (folder / "head.toml").exists() == written
         text = (folder / "verdict.txt").read_text()
         assert ("IMPLAUSIBLE: dbeta@45 = -4.011 deg" in text) != written and text.startswith("AMBIGUOUS") != written
@@ -134,7 +134,8 @@ def test_a_head_that_was_levelled_again_has_two_levels(diagnoser, tmp_path):
     found = joint(diagnoser, units_with(hidden, 31))
     assert found.verdict in ("identified", "ambiguous") and [own.first for own in found.levels] == [3]
     # By itself a unit may call it a spindle out of square; the last has something of its own too.
-    write_units(tmp_path, found, [*rows(5, "axis_perpendicularity"), *rows(6, "base_levelling")[5:]], diagnoser.entries)
+    units = [*rows(5, "axis_perpendicularity"), *rows(6, "base_levelling")[5:]]
+    write_units(tmp_path, found, units, diagnoser.entries, words_of_units(found, units, diagnoser.entries))
     batch = json.loads((tmp_path / "diagnosis.json").read_text())
     (told,) = batch["levels"]
     assert batch["verdict"] == found.verdict and told["effect"] == "base_levelling" and told["p_value"] < 0.01
@@ -142,11 +143,11 @@ def test_a_head_that_was_levelled_again_has_two_levels(diagnoser, tmp_path):
         size = part["coefficients"]["base_levelling"]
         assert abs(size["value"] - 1e3 * level) < 4 * size["sd"] and size["unit"] == "mrad"
     assert [(part["first"], part["last"]) for part in told["parts"]] == [("u0", "u2"), ("u3", "u5")]
-    assert "re-levelled or set up again between u2 and u3" in batch["text"] and "ADEQUATE" not in batch["text"]
+    assert "it changed between u2 and u3" in batch["text"] and "ADEQUATE" not in batch["text"]
     assert "Errors of individual units" not in batch["text"] and all(
         unit["same_as_shared"] for unit in batch["units"][:5]
     )
-    assert "Two levels of the head" in (tmp_path / "diagnosis.html").read_text()
+    assert "it changed between u2 and u3" in (tmp_path / "diagnosis.html").read_text()
 
 
 @pytest.mark.long
@@ -154,4 +155,4 @@ def test_pitch_settings_that_changed_once_are_not_set_again_each_time(diagnoser)
     pitch = [np.array([1.2e-3, -2.1e-3, 0.8e-3]), np.array([-0.3e-3, 0.9e-3, -1.4e-3])]
     found = joint(diagnoser, units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
     assert found.fit.pitch.changed == 3 and not found.fit.pitch.common and found.fit.head is None
-    assert "from u3 on" in units_text(found, rows(5), diagnoser.entries)
+    assert "changed between u2 and u3" in words_of_units(found, rows(5), diagnoser.entries).text("evidence")

@@ -12,8 +12,8 @@ from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.planning import next_plan
-from tumblecal.report.diagnosis_files import write_diagnosis
-from tumblecal.report.diagnosis_page import write_diagnosis_page
+from tumblecal.show.diagnosis import write_diagnosis
+from tumblecal.show.diagnosis_page import write_diagnosis_page
 
 
 # Another bias of y at each pitch setting, g: what of it goes with the sine of the pitch angle is gamma_21.
@@ -31,7 +31,7 @@ def folder(hidden, diagnoser, tmp_path_factory):
     assert diagnosis.labels == tuple(BY_PITCH)
     plan = next_plan(diagnosis)
     write_diagnosis(folder, diagnosis, plan, figures=False)
-    write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, [])
+    write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, {})
     return folder
 
 

@@ -9,7 +9,7 @@ import pytest
 from blind_noise import position_set
 from tumblecal.diagnosis.findings.location import located
 from tumblecal.planning import next_plan
-from tumblecal.report.diagnosis_files import record
+from tumblecal.show.diagnosis import record
 
 
 def diagnosed(diagnoser, seed, part, known):

@@ -15,7 +15,7 @@ from tumblecal.diagnosis.noise.rounding import steps
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.estimation import problem_of
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def level(diagnosis) -> float:

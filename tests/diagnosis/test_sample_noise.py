@@ -12,7 +12,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.sampling import dwell_records
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 RATE, COUNT = 50.0, 3000

@@ -12,7 +12,7 @@ from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
-from tumblecal.report.diagnosis_files import record
+from tumblecal.show.diagnosis import record
 
 
 def test_files_before_do_not_matter(hidden):

@@ -9,7 +9,7 @@ import blind_instrument as blind
 import blind_noise
 from blind.acting import sized_to
 from blind.unlisted import LATER, LATEST, UNLISTED, UNSEEN
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def unlisted(name, seed, d=12.0):

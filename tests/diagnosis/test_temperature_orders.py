@@ -7,12 +7,12 @@ import tumblecal
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
+from tumblecal.diagnosis.coefficients import about_one_reference, temperature_orders
 from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.diagnosis.sets.classes import other_orders
 from tumblecal.effects import catalogue
 from tumblecal.estimation import problem_of
-from tumblecal.report.cause_words import order_sizes, temperature_orders
-from tumblecal.report.diagnosis_calibration import extended_calibration
+from tumblecal.lab.diagnosed import extended_calibration
 
 
 SD = 1e-4
@@ -71,8 +71,8 @@ def test_a_cubic_bias_is_one_cause_per_axis_and_hysteresis_has_its_name(diagnosi
     k = fit.names.index("bias_hysteresis.y")
     assert abs(fit.values[k] - HYSTERESIS_Y) < 5 * fit.sd[k]
     (first,) = (cause for cause in diagnosis.members if cause.label == cubic[0])
-    words = order_sizes(diagnosis, first)
-    assert words.endswith(" ug/degC^3 about 25 degC") and words.count("+-") == 3
+    sizes, reference = about_one_reference(diagnosis, [first])
+    assert [size.unit for size in sizes] == ["mg/degC", "ug/degC^2", "ug/degC^3"] and reference == 25
 
 
 @pytest.mark.long

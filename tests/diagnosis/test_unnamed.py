@@ -17,7 +17,7 @@ from tumblecal.effects.catalogue import extended
 from tumblecal.effects.users_file import Source
 from tumblecal.planning.proposals import Allowed
 from tumblecal.planning.sampling import samples
-from tumblecal.report.unnamed_words import suggested_effect_text
+from tumblecal.show.diagnosis import suggested_effect
 
 
 class Instrument:
@@ -129,7 +129,7 @@ def test_the_file_has_the_law_as_it_was_fitted():
     record = SimpleNamespace(
         unnamed=SimpleNamespace(law=law), data=SimpleNamespace(source="a.csv"), entries=catalogue()
     )
-    text = suggested_effect_text(record)
+    text = suggested_effect(record)
     entries = extended([Source("suggested_effect.py", text)])
     assert len(entries) == len(catalogue()) + len(terms)
     product, square = entries["product_xxx.z"], entries["temperature_3.z"]

@@ -6,7 +6,7 @@ import pytest
 from history_changes import NOISE, found, unit
 from tumblecal.history.changes import DRIFT, RESULT, STEP
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
-from tumblecal.report.history_words import history_text, statements
+from tumblecal.show.history import history_text, words_of_history
 
 
 @pytest.mark.long
@@ -95,7 +95,7 @@ def test_equal_results_without_uncertainties_are_stable():
     for entry in entries:
         entry.parameters.values[:] = entries[0].parameters.values
         entry.parameters.covariance[:] = 0.0
-    assert not statements(unit_history(entries, PAPER_LIMITS))
+    assert not words_of_history("A-17", unit_history(entries, PAPER_LIMITS), 0.05).pairs("findings")
 
 
 def test_what_a_history_states(snapshot):
@@ -113,4 +113,5 @@ def test_what_a_history_states(snapshot):
     for title, changes in cases.items():
         texts[title] = unit(np.random.default_rng(4), 6, changes=changes, days=60)
     texts |= {f"{count} results": unit(np.random.default_rng(1), count) for count in (1, 2)}
-    snapshot("changes", {k: history_text("A-17", unit_history(own, PAPER_LIMITS), 0.05) for k, own in texts.items()})
+    words = {k: words_of_history("A-17", unit_history(own, PAPER_LIMITS), 0.05) for k, own in texts.items()}
+    snapshot("changes", {title: history_text(each) for title, each in words.items()})

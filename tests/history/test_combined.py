@@ -12,7 +12,7 @@ from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.history.database import add, of_unit
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
-from tumblecal.report.history_words import uncertainty_words
+from tumblecal.show.history import words_of_history
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_kinds_of_uncertainties_are_stated(tmp_path, snapshot):
         for entry, beside in zip(results(3), documents, strict=True):
             add(tmp_path / f"{title}.db", replace(entry, documents=beside))
         judged = unit_history(of_unit(tmp_path / f"{title}.db", "A-17"), PAPER_LIMITS)
-        texts[title] = uncertainty_words(judged)
+        texts[title] = "\n".join(words_of_history("A-17", judged, 0.05).lines("evidence")[1:])
     snapshot("uncertainties", texts)
 
 

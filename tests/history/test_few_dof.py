@@ -15,7 +15,7 @@ from tumblecal.data.calibration import read_calibration
 from tumblecal.history.database import add, of_unit
 from tumblecal.history.few_dof import joint_dof, no_change
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
-from tumblecal.report.history_words import uncertainty_words
+from tumblecal.show.history import words_of_history
 
 
 INF = float("inf")
@@ -104,7 +104,7 @@ def test_a_history_takes_the_degrees_of_freedom_of_its_files(tmp_path):
     np.testing.assert_allclose(kept[2].effective_dof, 80.0)
     assert joint_dof(kept[2], np.eye(12)) == pytest.approx(80.0)
     judged = unit_history(of_unit(tmp_path / "lab.db", "A-17"), PAPER_LIMITS)
-    assert "by result: 1: 3; 3: 5" in uncertainty_words(judged)
+    assert "of 2 results was estimated from 3 to 5 degrees" in words_of_history("A-17", judged, 0.05).text("evidence")
 
 
 def test_e_n_takes_student_s_k():

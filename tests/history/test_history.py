@@ -22,7 +22,7 @@ from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
 from tumblecal.report import history_page
-from tumblecal.report.history_words import history_text, statements
+from tumblecal.show.history import history_text, words_of_history
 
 
 RNG = np.random.default_rng(2)
@@ -175,8 +175,9 @@ def test_drift_its_sd_and_the_interval():
     assert still.interval(0.05)[0] == pytest.approx(11.0)  # as long as the history
     assert np.isnan(unit_history(results(2), PAPER_LIMITS).interval(0.05)[0])
     jumpy = unit_history(results(8, extra=1e-3), PAPER_LIMITS)
-    assert jumpy.interval(0.05)[0] == 0.0 and "already exceeds its limit" in history_text("A-17", jumpy, 0.05)
-    assert jumpy.repeats[0].sd == pytest.approx(1e-3, rel=0.4) and jumpy.repeats[0].beyond_limit
+    assert "already exceeds its limit" in words_of_history("A-17", jumpy, 0.05).text("interval")
+    assert jumpy.repeats[0].sd == pytest.approx(1e-3, rel=0.4)
+    assert jumpy.interval(0.05)[0] == 0.0 and jumpy.repeats[0].beyond_limit
 
 
 def test_a_drift_and_its_uncertainty_are_those_of_weighted_least_squares():
@@ -190,12 +191,12 @@ def test_a_drift_and_its_uncertainty_are_those_of_weighted_least_squares():
     slope = np.sum(centred * values) / np.sum(centred**2) * 1e3
     judged = unit_history(entries, PAPER_LIMITS)
     u = np.hypot(0.1, judged.repeats[1].between * 1e3) / np.sqrt(np.sum(centred**2))
-    (drift,) = statements(judged)
-    assert drift.words == (
+    ((drift, step),) = words_of_history("A-17", judged, 0.05).pairs("findings")
+    assert drift == (
         f"bias_x drifts by {12 * slope:.2f} +- {12 * u:.2f} mg per year from 2020-01-01 (result 1) to "
         f"{entries[-1].date_utc[:10]} (result 12)"
     )
-    assert "recalibrate more often" in drift.next
+    assert "recalibrate more often" in step
 
 
 @pytest.mark.parametrize("days", [0.02, 0.5, 3, 12, 30.4375, 400])
@@ -213,7 +214,7 @@ def test_a_standard_measured_every_day_is_reported_on_a_screen():
     entries = results(300, days=1.0)
     for entry in entries[200:]:
         entry.parameters.values[3] += 1e-3 * entry.number
-    text = history_text("A-17", unit_history(entries, PAPER_LIMITS), 0.05)
+    text = history_text(words_of_history("A-17", unit_history(entries, PAPER_LIMITS), 0.05))
     assert len(text.splitlines()) < 15 and max(map(len, text.splitlines())) < 400
     assert text.startswith("A-17: bias_x changed by ") and "(result 200) and" in text.splitlines()[0]
     assert "NEXT: " in text and text.count("Use no calibration from before") == 1

@@ -17,9 +17,10 @@ from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.position_problem import where_of
 from tumblecal.ground.atomic import write_texts
+from tumblecal.planning.next_capture import LABELS, next_captures, next_commands
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN, next_plan
 from tumblecal.planning.proposals import SIDES, Allowed
-from tumblecal.report.next_plan_files import LABELS, next_commands, next_plan_texts
+from tumblecal.show.next_plan import next_plan_texts
 
 
 SIGMA = 1e-4
@@ -300,7 +301,7 @@ def test_plans_for_capture(planner, tmp_path):
     plan = next_plan(again)
     texts = next_plan_texts(again, plan, tmp_path)
     assert all("[dwell]\nseconds = 120.0\nsettle_s = 30.0\n" in text for text in texts.values())
-    commands = next_commands(again, plan, tmp_path)
+    commands = next_commands(again, next_captures(again, plan), tmp_path)
     assert len(texts) > 1 and len(commands) == 2 * len(texts) + 1
     # A folder of the data is not used a second time.
     measured_in = [command.split()[4] for command in commands if "capture" in command]

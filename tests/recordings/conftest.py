@@ -3,6 +3,7 @@
 import pytest
 from recordings_made import ANGLES
 
+from snapshot_texts import snapshot as snapshot
 from tumblecal.data import parquet, text_cells
 
 

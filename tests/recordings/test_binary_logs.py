@@ -9,8 +9,6 @@ import polars as pl
 import pytest
 from recordings_made import SENSOR_COMBINED, ulog_of
 
-from tumblecal.cli.output import Output
-from tumblecal.cli.thermal import _printed
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.formats import xbus as xbus_file
 from tumblecal.recordings.options import RecordingOptions
@@ -138,7 +136,6 @@ def test_an_mtb_file(tmp_path, rows):
 def test_the_pieces_of_an_mtb_file_do_not_change_it(tmp_path, rows, monkeypatch):
     (tmp_path / "log.mtb").write_bytes(b"".join(mtb(rows)) + b"\xfa\xff\x36")
     whole = write_samples(tmp_path / "log.mtb", tmp_path / "whole.parquet", RecordingOptions())
-    monkeypatch.setattr(xbus_file, "_PIECE", 5_000)
     monkeypatch.setattr(xbus_file, "_BLOCK", 7)
     pieces = write_samples(tmp_path / "log.mtb", tmp_path / "pieces.parquet", RecordingOptions())
     frames = [pl.read_parquet(tmp_path / f"{name}.parquet") for name in ("whole", "pieces")]
@@ -255,7 +252,7 @@ def test_ardupilot_states_a_correction(tmp_path, rows, name, form):
     ]
 
 
-def test_thermal_warns_of_a_ramp_of_a_corrected_sensor(capsys, tmp_path):
+def test_thermal_warns_of_a_ramp_of_a_corrected_sensor(tmp_path):
     rng, degc = np.random.default_rng(5), np.linspace(20.0, 50.0, 3000)
     accelerations = [0.1, 0.2, 9.8] + 1e-3 * degc[:, None] + 0.01 * rng.normal(size=(3000, 3))
     messages = dataflash(np.zeros((0, 6)), 1, {"INS_TCAL1_ENABLE": 1.0})
@@ -263,5 +260,5 @@ def test_thermal_warns_of_a_ramp_of_a_corrected_sensor(capsys, tmp_path):
     for k, (row, own) in enumerate(zip(accelerations, degc, strict=True)):
         messages.append(b"\xa3\x95\x15" + struct.pack("<QB4f", 10**6 + 50_000 * k, 0, *row, own))
     (tmp_path / "ramp.bin").write_bytes(b"".join(messages))
-    _printed(Output(), thermal_reading([tmp_path / "ramp.bin"]))
-    assert capsys.readouterr().err.count("(INS_TCAL1_ENABLE 1), so a calibration corrects them twice") == 1
+    ((_, lines),) = thermal_reading([tmp_path / "ramp.bin"]).warnings
+    assert "\n".join(lines).count("(INS_TCAL1_ENABLE 1), so a calibration corrects them twice") == 1

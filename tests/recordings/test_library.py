@@ -74,6 +74,11 @@ def test_the_description_reads_the_recording_as_it_was_described(tmp_path, faces
         described.write_text(text)
         with pytest.raises(library.InputError, match=words):
             library.read_recording(described)
+    # The source of a unit is a field of its column, and of the description.
+    assert tumblecal("import", path, "--out", tmp_path / "s.parquet").code == 0
+    columns = library.read_recording(path).layout.columns
+    assert (columns["ax"].why, columns["ax"].unit_why, columns["time"].unit_why) == ("name", "size", "file")
+    assert 'unit = "size"\ntime_unit = "file"' in described.read_text().partition("[source]")[2]
     path.write_text("sampled at 100 Hz\nax,ay,az\n" + "0.1,0.2,0.97\n" * 40)
     assert tumblecal("import", path, "--out", tmp_path / "s.parquet").code == 0
     assert "rate = 100" in described.read_text() and library.read_recording(described).rate_hz == 100

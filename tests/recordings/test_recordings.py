@@ -204,7 +204,7 @@ def test_import_says_what_is_in_a_recording_and_writes_what_reduce_reads(tmp_pat
     assert result.code == 0, result.lines
     for words in (
         "/chatter (std_msgs/msg/String), 1 message\n",
-        "* /imu/data",
+        "table /imu/data",
         "linear_acceleration.x  m/s^2  format; unit:",
         "rate ",
         "100 Hz",

@@ -12,7 +12,7 @@ from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptio
 from tumblecal.recordings.reduce import reduced
 from tumblecal.recordings.still.blocks import blocks_of
 from tumblecal.recordings.still.stillness import still_intervals
-from tumblecal.report.recording_words import reduction_words
+from tumblecal.show.recordings import reduction_lines
 
 
 HAND_HELD = KnownContext(static=True)
@@ -26,7 +26,7 @@ def written(tmp_path, s, **changed):
 
 
 def words(reduction):
-    return "\n".join(reduction_words(reduction.dwells))
+    return "\n".join(reduction_lines(reduction.dwells))
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,11 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
+from tumblecal.diagnosis.units.sizes import level_sizes, spread_sizes
 from tumblecal.effects import catalogue
 from tumblecal.estimation.plausibility import Implausible
-from tumblecal.report.head_amounts import level_sizes, spread_sizes
-from tumblecal.report.head_words import units_text
+from tumblecal.show.units_together import verdict_of_units, words_of_units
+from tumblecal.show.verdict import verdict_lines
 
 
 ENTRIES = catalogue()
@@ -39,13 +40,8 @@ def pitch(p_value=None, common=False, alone=(), changed=None):
 def amounts(id, shown_in, mean=0.8, names=None):
     own = signal(id, names)
     count = len(own.names_and_units)
-    return Record(
-        signal=own,
-        mean=(np.full(count, mean), np.full(count, 0.05)),
-        tau=1.3,
-        determined=np.arange(count) == 0,
-        shown_in=shown_in,
-    )
+    mean = (np.full(count, mean), np.full(count, 0.05))
+    return Record(signal=own, mean=mean, tau=1.3, determined=np.arange(count) == 0, shown_in=shown_in)
 
 
 def head(*sizes):
@@ -60,17 +56,24 @@ def found(verdict, best, *others, detected=True, shared=(), varying=(), of_head=
         "hand_held": False,
         "verdict": verdict,
         "joint": Record(best=best, explanations=(best, *others), p_value=3e-9 if detected else 0.3, detected=detected),
-        "fit": Record(excluded=more.pop("excluded", ()), pitch=settings or pitch(), head=of_head),
-        "batch": Record(units=(None,) * 6),
+        "fit": Record(
+            excluded=more.pop("excluded", ()), pitch=settings or pitch(), head=of_head, consistent=(0.5,) * 6,
+            unit_values=np.full((6, 1), 0.2e-3), unit_sd=np.full((6, 1), 0.03e-3),
+        ),
+        "batch": Record(units=(Record(at=Record(problem=Record(readings=(0.0,) * 24), model=Record(slots=()))),) * 6),
         "shared": shared,
         "amounts": {each.signal.label: each for each in varying},
-        "implausible": (),
-        "levels": (),
-        "unexplained": (),
-        "nothing_of_their_own": (),
-        "outlying": (),
+    }  # fmt: skip
+    lists = dict.fromkeys(("implausible", "levels", "unexplained", "nothing_of_their_own", "outlying"), ())
+    return Record(**(own | lists | more))
+
+
+def texts(cases):
+    """The verdict of each case in lines."""
+    return {
+        title: "\n".join(verdict_lines(verdict_of_units(found, words_of_units(found, rows, ENTRIES))))
+        for title, (found, rows) in cases.items()
     }
-    return Record(**(own | more))
 
 
 def rows(**causes):
@@ -134,21 +137,15 @@ def test_each_finding_on_a_head_is_in_a_text(snapshot):
             rows(),
         ),
     }  # fmt: skip
-    snapshot("units", {title: units_text(each, listed, ENTRIES) for title, (each, listed) in cases.items()})
+    snapshot("units", texts(cases))
 
 
 def test_a_hand_held_session_names_common_effects_and_causes_of_single_units(snapshot):
     alone = rows(u1="second_order.z", u5="outlier_position:3")
-    cases = {
-        "common": (found("identified", explanation(by_unit=(SQUARE,)), varying=(amounts(SQUARE, (0, 1, 2)),)), alone),
-        "single units": (found("adequate", NOTHING, detected=False), alone),
-        "nothing": (found("adequate", NOTHING, detected=False), rows()),
-    }
-    texts = {}
-    for title, (each, listed) in cases.items():
-        each.hand_held = True
-        texts[title] = units_text(each, listed, ENTRIES)
-    snapshot("hand_held_units", texts)
+    common = found("identified", explanation(by_unit=(SQUARE,)), varying=(amounts(SQUARE, (0, 1, 2)),), hand_held=True)
+    nothing = found("adequate", NOTHING, detected=False, hand_held=True)
+    cases = {"common": (common, alone), "single units": (nothing, alone), "nothing": (nothing, rows())}
+    snapshot("hand_held_units", texts(cases))
 
 
 def test_sizes_are_in_the_unit_of_the_catalogue():
@@ -163,6 +160,6 @@ def test_sizes_are_in_the_unit_of_the_catalogue():
     assert sizes[SQUARE][SQUARE]["unit"] == "mg/g^2" and sizes[WOBBLE]["w_sin"]["mean"] is None
     np.testing.assert_allclose([sizes[SQUARE][SQUARE][key] for key in ("mean", "mean_sd")], [0.8, 0.05])
     np.testing.assert_allclose(sizes[WOBBLE]["w_cos"]["sd_between_units"], 1.3)
-    (levels,) = level_sizes(several, ENTRIES)
-    assert [(part["first"], part["last"]) for part in levels["parts"]] == [(0, 2), (3, 5)]
+    (levels,) = level_sizes(several, ENTRIES, ROWS)
+    assert [(part["first"], part["last"]) for part in levels["parts"]] == [("u0", "u2"), ("u3", "u5")]
     np.testing.assert_allclose([part["coefficients"][LEVEL]["value"] for part in levels["parts"]], [0.3, -0.2])

@@ -9,7 +9,7 @@ from tumblecal.planning.confirming import Confirmation
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN, SHARPEN_WEAKEST, NextPosition
 from tumblecal.planning.promise import Promise
 from tumblecal.planning.sampling import SAMPLE
-from tumblecal.report.next_plan_words import next_words
+from tumblecal.show.next_plan import next_words
 
 
 DRIFT, WARM, SQUARE, CROSS = ("bias_drift.x",), ("bias_temperature.x",), ("second_order.z",), ("cross_axis_square.z",)

@@ -1,19 +1,25 @@
 """Words beside numbers never say what the numbers contradict."""
 
+from types import SimpleNamespace
+
 import pytest
 
-from tumblecal.diagnosis.priors import SURE
 from tumblecal.ground.numbers_shown import capped, p_words, rounded_together
-from tumblecal.report.cause_words import ambiguity
+from tumblecal.show.words import words_of
 
 
-@pytest.mark.parametrize("probability", [0.4, 0.6, SURE, 0.94, 0.999])
-@pytest.mark.parametrize("alike", [True, False])
-def test_equally_well_is_said_of_equals_alone(probability, alike):
-    others = [(1.0 - probability) * share for share in (0.7, 0.3)]
-    said = ambiguity(probability, others, indistinguishable=alike)
-    assert ("almost equally well" in said) == (probability <= 2 * others[0])
-    assert ("cannot be distinguished" in said) == (alike and probability >= SURE)
+@pytest.mark.parametrize("probability", [0.4, 0.6, 0.67, 0.94, 0.999])
+def test_equally_well_is_said_of_equals_alone(probability):
+    explanations = [
+        SimpleNamespace(probability=p) for p in (probability, *((1.0 - probability) * s for s in (0.7, 0.3)))
+    ]
+    best = SimpleNamespace(probability=probability, labels=("bias_x",))
+    diagnosis = SimpleNamespace(
+        verdict="ambiguous", implausible=(), best=best, leading=lambda *_: [best, *explanations[1:]]
+    )
+    diagnosis.screened, diagnosis.factors = SimpleNamespace(detection=SimpleNamespace(p_value=1e-9)), ()
+    words = words_of("diagnosis_headline", d=diagnosis, count=2).text("headline")
+    assert ("almost equally well" in words) == (probability <= 2 * explanations[1].probability)
 
 
 @pytest.mark.parametrize(

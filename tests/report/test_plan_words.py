@@ -1,6 +1,7 @@
 """Texts and tables of a designed plan, from records made by hand."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,11 +19,10 @@ from tumblecal.design.model.responses import Responses, Setting
 from tumblecal.design.model.schedule import Schedule
 from tumblecal.design.order.best_order import Ordered
 from tumblecal.design.plan import DesignedPlan
+from tumblecal.design.plan_files import capture_files
 from tumblecal.design.positions.bounds import Bounds
 from tumblecal.design.wanted import Wanted
-from tumblecal.report.plan_files import capture_files
-from tumblecal.report.plan_tables import named_table, practice_table, uncertainty_table
-from tumblecal.report.plan_words import plan_lines
+from tumblecal.show.plan import plan_lines, words_of_plan
 
 
 NAMES = ("dK_x", "bias_x")
@@ -82,11 +82,12 @@ def plan():
 
 def test_lines_and_tables_of_a_plan(plan, snapshot):
     added = replace(plan, measured=2, forecast=None, bounds=None, after=replace(plan.after, effects=()))
-    tables = uncertainty_table(plan), practice_table(plan, short=True), named_table(plan)
+    words, of_added = (words_of_plan(each, Path("plan")) for each in (plan, added))
+    tables = (words.blocks[name] for name in ("positions", "uncertainties", "practice", "effects", "named"))
     texts = {
-        "plan": "\n".join(plan_lines(plan)),
-        "measured positions, no forecast": "\n".join(plan_lines(added)),
-        "tables": "\n\n".join("\n".join(" | ".join(row) for row in [own.header, *own.rows]) for own in tables),
+        "plan": "\n".join([*plan_lines(words), *words.lines("next")]),
+        "measured positions, no forecast": "\n".join(plan_lines(of_added)),
+        "tables": "\n\n".join("\n".join(" | ".join(row) for row in rows) for rows in tables),
     }
     snapshot("plan", texts)
     assert capture_files(added) == {"plan_A.toml": [2], "plan_B.toml": [3]}

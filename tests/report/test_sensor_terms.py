@@ -10,17 +10,15 @@ import pytest
 import tumblecal as package
 from independent import Instrument
 from independent import readings as linear_readings
-from tumblecal.cli.model_options import started_from_amplitudes
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_terms import Term
-from tumblecal.data.calibration_use import Use
 from tumblecal.data.not_applied import NotApplied
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.effects.effect import OF_HEAD, OF_RUN
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.ground.errors import InputError
+from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
 from tumblecal.lab.sensor_terms import undetermined_order
-from tumblecal.report.diagnosis_details import warning_words
 
 
 NOISE_MG = 0.1
@@ -104,8 +102,7 @@ def test_what_a_rig_has_fitted_is_applied(tumblecal, tmp_path, measured, command
 def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, command):
     out, rig = tmp_path / "out", rig_file(tmp_path, *SENSOR, *LEFT)
     ran = tumblecal(command, measured, "--rig", rig, "--out", out, "--no-figures")
-    heading = "Not in the calibration file "
-    listed = " ".join(ran.out.split()).partition(heading)[2]
+    listed = " ".join(ran.out.split()).partition("Not in the calibration file ")[2]
     assert all(f"{id} (up to" in listed for id in LEFT)
     content = json.loads((out / "calibration.json").read_text())
     assert [term["effect"] for term in content["terms"]] == list(SENSOR)
@@ -126,13 +123,10 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     assert several.out.count("not corrected by calibration.json: bias_drift.x (up to") == 2
 
 
-def test_a_diagnosis_warns_of_what_the_sensor_lacks(table1_fit):
+def test_a_diagnosis_warns_of_what_the_sensor_lacks():
     losses = [NotApplied("bias_drift.x", OF_RUN, 3.0, 1.0), NotApplied("index_eccentricity", OF_HEAD, 50.0, 20.0)]
-    held = SimpleNamespace(not_applied=losses, use=Use("yes"))
-    diagnosis = SimpleNamespace(
-        implausible=(), setup_errors=(), extended=table1_fit, nominal=table1_fit, calibration=held
-    )
-    (words,) = warning_words(diagnosis)
+    diagnosis = SimpleNamespace(calibration=SimpleNamespace(not_applied=losses))
+    (words,) = lacking_of_diagnosis(diagnosis, of_sensor=True)
     assert words.startswith("not corrected by calibration.json: bias_drift.x (up to 3 mg")
 
 
@@ -195,7 +189,7 @@ def test_an_effect_that_can_be_simulated_alone_is_refused_with_its_reason(tumble
 def test_a_time_constant_is_fitted_from_amplitudes_of_typical_size(tmp_path):
     """At amplitude zero the constant changes no reading: such a rig was rejected as undetermined, whatever the data."""
     rig = package.read_rig(rig_file(tmp_path, "warm_up"))
-    chain = started_from_amplitudes(rig.chain(rig.where))
+    chain = rig.chain(rig.where).started()
     start = dict(zip(chain.names, chain.vector.tolist(), strict=True))
     assert [start[f"warm_up_{axis}"] for axis in "xyz"] == [1e-3] * 3 and start["warm_up_tau"] > 0
     assert start["bias_x"] == 0
@@ -215,7 +209,7 @@ def test_a_warm_up_converges_wherever_its_time_constant_is(tmp_path, amplitudes,
     readings = readings + 1e-3 * np.outer(np.exp(-since / (share * duration)), amplitudes) + noise
     data = PositionSet(tuple(f"p{k}" for k in range(36)), alpha, beta, readings, time_s=since)
     chain = package.read_rig(rig_file(tmp_path, "warm_up")).chain(where_of(data))
-    fit = exact.fit(problem_of(data, started_from_amplitudes(chain), noise_sd=1e-4))
+    fit = exact.fit(problem_of(data, chain.started(), noise_sd=1e-4))
     assert fit.code.good
     # The estimate of its rate is nearly normal, that of the constant is not.
     tau, sd = fit.value("warm_up_tau"), fit.sd[fit.names.index("warm_up_tau")]

@@ -1,13 +1,16 @@
 """Words and the loops of hysteresis of a calibration over temperature, from records made by hand."""
 
+from pathlib import Path
 from types import SimpleNamespace as Record
 
 import numpy as np
+import polars as pl
 
 from tumblecal.data.calibration_use import Use
 from tumblecal.ground.temperature_functions import TemperatureFunctions
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.report import thermal_figures
-from tumblecal.report.thermal_words import thermal_lines
+from tumblecal.show.thermal import verdict_of_thermal, words_of_thermal
 from tumblecal.thermal.result import FoundSignal
 
 
@@ -18,20 +21,13 @@ FUNCTIONS = {
 }
 
 
-def table(directions=(1, -1), attitudes=6, known=False, branches=("1", "2")):
+def table(directions=(1, -1), attitudes=6, branches=("1", "2")):
     """Soaks of 0 to 60 degC, in these directions."""
-    return Record(
-        temperature_degc=DEGC,
-        soak=np.ones(len(DEGC), bool),
-        range_degc=(0.0, 60.0),
-        reached_by=np.resize(directions, len(DEGC)),
-        branch=np.resize(branches, len(DEGC)).tolist(),
-        clock=["1"] * len(DEGC),
-        time_s=60.0 * np.arange(len(DEGC)),
-        attitudes=[None] * attitudes,
-        known_attitudes=known,
-        attitude=np.zeros(len(DEGC), int),
-    )
+    rows = len(DEGC)
+    columns = {"position": np.resize([f"a{k}" for k in range(attitudes)], rows), "branch": np.resize(branches, rows)}
+    columns |= {"run": ["1"] * rows, "temperature_degc": DEGC, "time_s": 60.0 * np.arange(rows)}
+    columns |= {"direction": np.zeros(rows, int), "reached_by": np.resize(directions, rows)}
+    return ThermalTable(pl.DataFrame(columns), "bench/x.csv and 1 more")
 
 
 def part(label, before=2.1, after=0.21, noise=0.1):
@@ -49,14 +45,17 @@ def choice(**more):
         "of_temperature": (),
         "unseparated": (),
         "inseparable": (),
-        "model": Record(functions=FUNCTIONS, signals=()),
+        "constant_criterion": 30.0,
+        "criterion": 10.0,
+        "model": Record(functions=FUNCTIONS, signals=(), fixed={}, free=("dK", "bias", "gamma")),
     }
     return Record(**(own | more))
 
 
 def result(**more):
     own = {
-        "calibration": Record(use=Use("within", "", (0.0, 60.0), expanded_g=4e-4)),
+        "calibration": Record(use=Use("within", "", (0.0, 60.0), expanded_g=4e-4), serial_number="A-17"),
+        "undetermined": (),
         "reference_degc": 25.0,
         "table": table(),
         "curves": (1,),
@@ -71,6 +70,7 @@ def result(**more):
 
 
 def test_each_finding_is_in_a_text(snapshot):
+    """Lines of earlier cases are not repeated."""
     directions = (part("rising temperature", 2.0, 0.3), part("falling temperature", 1.8, 0.2))
     history = ("hysteresis", "temperature_lag", "temperature_rate")
     cases = {
@@ -87,10 +87,18 @@ def test_each_finding_is_in_a_text(snapshot):
         "one rate": result(choice=choice(unseparated=history)),
         "one attitude": result(
             table=table(attitudes=1), choice=choice(inseparable=("dK", "gamma", "dtheta")),
-            combinations=("bias_x - 0.98 dtheta_y",),
+            combinations=("bias_x - 0.98 dtheta_y",), undetermined=("gamma",),
         ),
+        "refused": result(calibration=Record(use=Use("no", "systematic residuals"), serial_number="")),
     }  # fmt: skip
-    snapshot("thermal", {title: "\n".join(thermal_lines(own)) for title, own in cases.items()})
+    texts, seen = dict[str, str](), set[str]()
+    for title, own in cases.items():
+        words = words_of_thermal(own, Path("unit17"))
+        tables = [" | ".join(cells) for name in ("title", "lead", "orders") for cells in words.blocks[name]]
+        lines = [*verdict_of_thermal(own, words).words().splitlines(), *tables]
+        texts[title] = "\n".join(line for line in lines if line not in seen)
+        seen |= {*lines}
+    snapshot("thermal", texts)
 
 
 def test_the_loop_of_hysteresis_has_the_means_of_each_direction_and_the_fitted_branches(monkeypatch):

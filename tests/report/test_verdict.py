@@ -1,13 +1,17 @@
 """The one layout of a verdict, from records made by hand: order of the blocks, number of lines, whole commands and sizes."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
-
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause, id_of, label_words
+from tumblecal.diagnosis.coefficients import Coefficient
 from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
-from tumblecal.report.diagnosis_verdict import alternatives, headline, reason_words
+from tumblecal.effects import catalogue
+from tumblecal.estimation.identifiability import formula
+from tumblecal.show.diagnosis import alternatives
 from tumblecal.show.verdict import Finding, Unresolved, Verdict, verdict_lines
+from tumblecal.show.words import words_of
 
 
 COMMAND = "tumblecal diagnose --join --same-run measured.csv next/positions.csv --noise-sd 0.1mg --gravity lat=48.14,height=520"
@@ -56,53 +60,79 @@ def test_at_most_25_lines_stand_above_the_rule_and_nothing_is_lost():
         assert sum("NEXT, continued" in line for line in verdict_lines(many, width)) == 1
 
 
-def test_alternatives_of_one_reason_are_one_line():
-    clocks, identity = Reason("columns", ("time_s", "temperature_degc"), 0.9999), Reason("identity")
-    members = (("bias_drift.x",), ("bias_temperature.x",), ("warm_up",), ("bias_temperature_square.x",))
-    factor = Factor(members, (clocks, Reason("angles"), clocks._replace(r=0.9991)))
-    time, angles = alternatives(factor, {"second_order.z": 1, "bias_drift.x": 2})
-    assert time.sentence == (
-        "2. bias_drift.x or bias_temperature.x or bias_temperature_square.x: time and temperature are fully correlated in "
-        "these data (r = 1.00)"
-    )
-    assert angles.sentence == "2. bias_drift.x or warm_up: the same signal at these angles"
-    square = Factor((("second_order.z",), ("cross_axis_square.z",)), (identity,))
-    (words,) = [one.sentence for one in alternatives(square, {"second_order.z": 1})]
-    assert words.startswith("1. second_order.z or cross_axis_square.z: the same function in a 1 g field")
-    for kind in ("size", "angles", "unnamed", "identity"):
-        assert reason_words(Reason(kind))
-    assert reason_words(Reason("range", ("temperature_degc",))) == "temperature does not vary enough in these data"
+CLOCKS = Reason("columns", ("time_s", "temperature_degc"), 0.9999)
+MEMBERS = (("bias_drift.x",), ("bias_temperature.x",), ("warm_up",), ("bias_temperature_square.x",))
+FACTORS = [
+    Factor((("second_order.z",), ("cross_axis_square.z",)), (Reason("identity"),)),
+    Factor(MEMBERS, (CLOCKS, Reason("angles"), CLOCKS._replace(r=0.9991))),
+    *(
+        Factor((("a",), ("b",)), (reason,))
+        for reason in (Reason("size"), Reason("unnamed"), Reason("range", ("pitch",)))
+    ),
+]
+SLOPE, SQUARE = Coefficient({"a": 1.0}, 0.5, 0.1, "mg/degC"), Coefficient({"b": 1.0}, 4.0, 0.2, "ug/degC^2")
+
+
+def finding(*labels, sizes=(SLOPE, SQUARE), reference=None):
+    """A finding of causes with these coefficients."""
+    entries = [catalogue()[id_of(label)] for label in labels]
+    slots = [SimpleNamespace(polynomial=entry.polynomial[0], order=entry.polynomial[1]) for entry in entries]
+    causes = [Cause(EFFECT, label, 0.0, 0.0, slot=slot) for label, slot in zip(labels, slots, strict=True)]
+    return {"number": 1, "causes": causes, "sizes": sizes, "reference": reference}
+
+
+FINDINGS = [
+    finding("bias_temperature.x", "bias_temperature_square.x", reference=25.0),
+    finding("second_order.z", "third_order.z"),
+    finding("index_zero", sizes=[replace(SLOPE, weights={"c": 1.0, "d": -0.5}), replace(SQUARE, sd=None)]),
+    finding("outlier_position:p1+p4", sizes=()),
+]
 
 
 DOUBTED = {"noise_level": NoiseFault("every sd times 3", "unexplained")}
 
 
-def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), probability=0.97, **changed):
-    """As much of a diagnosis as a headline needs."""
-    best = SimpleNamespace(labels=labels, probability=probability, single_name=verdict == "identified")
-    other = SimpleNamespace(probability=0.02)
-    screened = SimpleNamespace(detection=SimpleNamespace(p_value=3.2e-13), explanations=[best, other])
-    given = {"setup_errors": (), "noise_labels": (), "implausible": (), "located": [], "level": 1.0, "data": range(24)}
-    problem = SimpleNamespace(sd=np.full((24, 3), 1e-4))
-    return SimpleNamespace(verdict=verdict, best=best, screened=screened, problem=problem, **given | changed)
+def diagnosed(
+    verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), probability=0.97, open_causes=0, **changed
+):
+    """As much of a diagnosis as a headline needs; `open_causes`: number of causes that are not resolved."""
+    best, other = SimpleNamespace(labels=labels, probability=probability), SimpleNamespace(probability=0.02)
+    screened = SimpleNamespace(detection=SimpleNamespace(p_value=3.2e-13))
+    given = {"setup_errors": (), "noise_labels": (), "implausible": (), "located": [], "data": range(24)}
+    given |= {"factors": [SimpleNamespace(resolved=False)] * open_causes, "leading": lambda least, most: [best, other]}
+    return SimpleNamespace(verdict=verdict, best=best, screened=screened, **given | changed)
 
 
 HEADLINES = {
-    "adequate": (diagnosed("adequate", ()), 0, 0),
-    "identified": (diagnosed("identified", ("a.x",)), 1, 0),
-    "one of two open": (diagnosed(), 2, 1),
-    "both open": (diagnosed(), 2, 2),
-    "one and open": (diagnosed(labels=("a.x",)), 1, 1),
-    "unexplained": (diagnosed("unexplained"), 1, 0),
-    "noise": (diagnosed("identified", (), noise_labels=("noise_unequal",)), 1, 0),
+    "adequate": (diagnosed("adequate", ()), 0),
+    "identified": (diagnosed("identified", ("a.x",)), 1),
+    "one of two open": (diagnosed(open_causes=1), 2),
+    "both open": (diagnosed(open_causes=2), 2),
+    "one and open": (diagnosed(labels=("a.x",), open_causes=1), 1),
+    "unexplained": (diagnosed("unexplained"), 1),
+    "noise": (diagnosed("identified", (), noise_labels=("noise_unequal",)), 1),
     "noise, not sure": (
-        diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong={}, probability=0.6), 1, 0,
+        diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong={}, probability=0.6), 1,
     ),
-    "noise or no entry": (diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong=DOUBTED), 1, 0),
-    "implausible": (diagnosed("unexplained", (), implausible=(SimpleNamespace(stated=None),)), 1, 0),
+    "noise or no entry": (diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong=DOUBTED), 1),
+    "not sure": (diagnosed(probability=0.6), 2),
+    "equally probable": (diagnosed(probability=0.03), 2),
+    "implausible": (diagnosed("unexplained", (), implausible=(SimpleNamespace(stated=None),)), 1),
 }  # fmt: skip
 
 
 def test_layout_and_headlines(snapshot):
     texts = {"layout": "\n".join(verdict_lines(TWO)), "without layout": TWO.words()}
-    snapshot("verdict", texts | {title: headline(*own) for title, own in HEADLINES.items()})
+    nothing = {"setup_errors": (), "noise_wrong": {}, "unnamed": None, "members": (), "located": ()}
+    others = {"unusual": (), "law": None, "dead_zone": False, "patchwork": False, "identity": ""}
+    best = SimpleNamespace(unexplained=False, less_probable=())
+    words = words_of(
+        "diagnosis_found", d=SimpleNamespace(best=best, verdict="ambiguous", entries=catalogue(), **nothing),
+        findings=FINDINGS, alternatives=list(alternatives(FACTORS, {"second_order.z": 1, "bias_drift.x": 2})),
+        title=str, formula=formula, label_words=label_words, **others,
+    )  # fmt: skip
+    verdict = words.verdict("ambiguous", "")
+    texts["found"] = "\n".join(one.sentence for one in (*verdict.found, *verdict.unresolved))
+    for title, (diagnosis, count) in HEADLINES.items():
+        texts[title] = words_of("diagnosis_headline", d=diagnosis, count=count, noise_mg=0.1).text("headline")
+    snapshot("verdict", texts)

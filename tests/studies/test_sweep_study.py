@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from tumblecal.ground.errors import InputError
-from tumblecal.report.study_answers import answer_of
 from tumblecal.report.study_figures import draw
-from tumblecal.report.study_page import write_study_page
+from tumblecal.show.study import answer_of, write_study_page
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 from tumblecal.studies.sweep import Sweep, points_of
@@ -60,11 +59,13 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert abs(quiet - 57) < 5 * np.sqrt(2 * 57 / 2000) and loud > 100
     assert content["units"] == {"study.inject.second_order.y": "mg/g^2"}
     answer = answer_of("sweep", content, frames)
-    assert answer.table.header[0] == "second_order.y, mg/g^2" and "(second_order.y 1.0 mg/g^2)" in answer.headline
+    assert (
+        answer.table.header[0] == "second_order.y, mg/g^2" and "(second_order.y 1.0 mg/g^2)" in answer.verdict.headline
+    )
     figures = draw("sweep", content, frames, tmp_path)
     assert "study.inject.second_order.y, mg/g^2" in figures[0].read_text()
     page = tmp_path / "sweep.html"
-    write_study_page(page, "sweep", content, frames, answer, figures)
+    write_study_page(page, answer, figures)
     assert "study.inject.second_order.y: 0, 1.0 mg/g²" in page.read_text()
     assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
 

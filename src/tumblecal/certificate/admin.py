@@ -11,11 +11,10 @@ from pydantic import AfterValidator, Field
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.measured import MEASURED, measured_at
-from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+from tumblecal.data.sensor_parameters import SENSOR, UNITS, leaf_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import Line, Strict, checked, read_toml
+from tumblecal.ground.strict_toml import Line, Strict, checked, read_toml, sizes_by_name
 from tumblecal.ground.toml_faults import located
-from tumblecal.ground.units import quantity
 
 
 # Largest time difference of a laboratory from UTC, ahead and behind.
@@ -126,7 +125,7 @@ class LimitsTable(Strict):
 
     schema_: Annotated[Literal["tumblecal.limits/1"], Field(alias="schema")]
     source: Text
-    limits: Annotated[dict[str, str], Field(min_length=1)]
+    limits: Annotated[dict[str, float], Field(min_length=1), sizes_by_name(UNITS)]
 
 
 def read_admin(path: Path) -> Admin:
@@ -187,22 +186,6 @@ def read_limits(path: Path) -> tuple[str, dict[str, float]]:
 
     **Raises:** `InputError` with all faults and their dotted paths.
     """
-    table, faults = checked(path, read_toml(path), LimitsTable), []
-    of_leaves, single = dict[str, float](), dict[str, float]()
-    for key, text in table.limits.items():
-        names = [name for name in SENSOR if key in (name, leaf_of(name))]
-        if not names:
-            faults.append(
-                f"{path}: limits.{key}: no parameter of the sensor; parameters: dK, bias, gamma, {', '.join(SENSOR)}"
-            )
-            continue
-        try:
-            size = quantity(text, GROUPS[leaf_of(names[0])][1])
-            if not size > 0:
-                raise InputError(f"{text!r} must be above 0")
-            (single if key in SENSOR else of_leaves).update(dict.fromkeys(names, size))
-        except InputError as error:
-            faults.append(f"{path}: limits.{key}: {error}")
-    if faults:
-        raise InputError(located(path, faults))
-    return table.source, of_leaves | single
+    table = checked(path, read_toml(path), LimitsTable)
+    stated = {name: table.limits.get(name, table.limits.get(leaf_of(name))) for name in SENSOR}
+    return table.source, {name: limit for name, limit in stated.items() if limit is not None}

@@ -13,7 +13,6 @@ from tumblecal.certificate.admin import Address, Admin
 from tumblecal.certificate.results import RULE, SCOPE, Results, ResultTable, method_words, serial_number
 from tumblecal.certificate.term_words import term_words
 from tumblecal.certificate.validity import validity_words
-from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.gravity import STANDARD
 
 
@@ -187,7 +186,7 @@ def _metadata(quantity: Element, table: ResultTable) -> None:
         for result in limited:
             data = _dcc(listed, "metaData")
             _text(data, "name", result.name)
-            _text(data, "declaration", f"limit {result.limit:.6g} {GROUPS[leaf_of(result.name)][1]}")
+            _text(data, "declaration", f"limit {result.limit:.6g} {result.unit}")
             _dcc(data, "conformity", result.conformity or "")
 
 

@@ -17,7 +17,7 @@ from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.not_applied import losses_words
 from tumblecal.data.position_comments import ATTITUDES, BY_HAND, UNKNOWN
 from tumblecal.data.result_records import DIAGNOSIS, REMEDY, DiagnosisFile
-from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+from tumblecal.data.sensor_parameters import SENSOR, UNITS
 from tumblecal.data.uncertainty_parts import PARTS
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_json import read_record
@@ -230,7 +230,7 @@ def _table(
     else:
         factors, sensor = budget.coverage(sensor, sensor.dof), budget.combined(sensor)
     results = tuple(
-        Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
+        Result(name, UNITS[name], float(value), float(k * sd), float(k), limits.get(name))
         for name, value, sd, k in zip(sensor.names, sensor.values, sensor.sd, factors, strict=True)
     )
     return ResultTable(results, sensor.covariance, calibration, degc)

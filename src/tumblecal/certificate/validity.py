@@ -45,11 +45,8 @@ def _of_terms(calibration: Calibration, stated: str) -> str:
     changes += [_change(term, "per hour") for term in drifting]
     if not places:
         return ""
-    match calibration.provenance.get("temperature_range_degc"):
-        case [float() | int() as low, float() | int() as high]:
-            within = f" (the data: {low:.3g} to {high:.3g} degC)"
-        case _:
-            within = ""
+    span = calibration.provenance.get("temperature_range_degc")
+    within = f" (the data: {span[0]:.3g} to {span[1]:.3g} degC)" if span else ""
     return f"{stated} are valid at {' and '.join(places)}: {', '.join(changes)}{within}."
 
 

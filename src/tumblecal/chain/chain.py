@@ -185,6 +185,16 @@ class Chain(Shown, eqx.Module):
             raise KeyError(f"the chain has no parameter {', '.join(remaining)}; it has {names}")
         return chain
 
+    def started(self) -> "Chain":
+        """With amplitudes of typical size as a start for time constants, which have no influence at amplitude zero."""
+        starts = dict[str, float]()
+        for link in self.links:
+            leaves = Chain((link,)).free
+            if any(leaf.unit == "s" for leaf in leaves):
+                zero = [leaf for leaf in leaves if leaf.unit != "s" and not np.any(leaf.value)]
+                starts |= {name: leaf.scale for leaf in zero for name in leaf.names}
+        return self.named(starts) if starts else self
+
     def fixed(self, names: set[str]) -> "Chain":
         """The chain with the leaves in `names` (leaf names such as `dbeta`) fixed at their values.
 

@@ -1,15 +1,13 @@
 """What a dividing head can do, as stated in the `[head]` table of a rig file: settings, times, repeatability, slow noise."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from tumblecal.chain.plan_table import Angles, Steps
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import Line, Number, Strict
-from tumblecal.ground.units import quantity
+from tumblecal.ground.strict_toml import Angle, Force, ForceRate, Line, Number, Strict
 
 
 @dataclass(frozen=True)
@@ -74,34 +72,18 @@ class HeadAbility:
     assumed: tuple[str, ...] = ()
 
 
-def _unit(unit: str) -> Callable[[str], str]:
-    def check(text: str) -> str:
-        try:
-            value = quantity(text, unit)
-        except InputError as error:
-            raise ValueError(str(error)) from error
-        if not value >= 0:
-            raise ValueError(f"{text!r} must not be below 0")
-        return text
-
-    return check
-
-
-Angle = Annotated[str, AfterValidator(_unit("rad"))]
-Force = Annotated[str, AfterValidator(_unit("g"))]
-Rate = Annotated[str, AfterValidator(_unit("g/h"))]
-Seconds = Annotated[Number, Field(ge=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
 
 
 class TimesTable(Strict):
     """The `[head.times]` table, s."""
 
     dwell_s: Annotated[Number, Field(gt=0)] = Times.dwell_s
-    settle_s: Seconds = Times.settle_s
-    turn_s: Seconds = Times.turn_s
-    pitch_change_s: Seconds = Times.pitch_change_s
-    remount_s: Seconds = Times.remount_s
-    temperature_change_s: Seconds = Times.temperature_change_s
+    settle_s: NotNegative = Times.settle_s
+    turn_s: NotNegative = Times.turn_s
+    pitch_change_s: NotNegative = Times.pitch_change_s
+    remount_s: NotNegative = Times.remount_s
+    temperature_change_s: NotNegative = Times.temperature_change_s
 
 
 class RepeatabilityTable(Strict):
@@ -114,28 +96,17 @@ class RepeatabilityTable(Strict):
 class SlowNoiseTable(Strict):
     """The `[head.noise]` table: parts of the noise that are common to neighbouring dwells."""
 
-    bias_instability: Force | None = None
+    bias_instability: Force = 0.0
     random_walk_g_per_rts: Annotated[Number, Field(ge=0)] = 0.0
-    markov_sd: Force | None = None
+    markov_sd: Force = 0.0
     markov_time_s: Annotated[Number, Field(gt=0)] = SlowNoise.markov_time_s
-    drift: Rate | None = None
-    warm_up: Force | None = None
+    drift: ForceRate = 0.0
+    warm_up: Force = 0.0
     warm_up_time_s: Annotated[Number, Field(gt=0)] = SlowNoise.warm_up_time_s
 
     def slow_noise(self) -> SlowNoise:
         """The parts."""
-        flicker, markov, warm_up = (
-            quantity(text, "g") if text else 0.0 for text in (self.bias_instability, self.markov_sd, self.warm_up)
-        )
-        return SlowNoise(
-            bias_instability_g=flicker,
-            random_walk_g_per_rts=float(self.random_walk_g_per_rts),
-            markov_sd_g=markov,
-            markov_time_s=float(self.markov_time_s),
-            drift_g_per_h=quantity(self.drift, "g/h") if self.drift else 0.0,
-            warm_up_g=warm_up,
-            warm_up_time_s=float(self.warm_up_time_s),
-        )
+        return SlowNoise(*(float(value) for _, value in self))
 
 
 class HeadAbilityTable(Strict):
@@ -163,16 +134,13 @@ class HeadAbilityTable(Strict):
 
     def ability(self, beta_deg: tuple[float, ...], mounts: tuple[str, ...]) -> HeadAbility:
         """What the head can do; `beta_deg`, `mounts`: of the rig's plan, if the table states none."""
-        spread = self.repeatability
         return HeadAbility(
             alpha_deg=tuple(float(angle) for angle in _values(self.alpha_deg)),
             beta_deg=tuple(float(angle) for angle in _values(self.beta_deg)) or beta_deg,
             mounts=tuple(self.mounts or mounts),
             temperatures_degc=tuple(float(degc) for degc in self.temperatures_degc),
             times=Times(**self.times.model_dump()),
-            repeatability=Repeatability(
-                *(None if text is None else quantity(text, "rad") for text in (spread.pitch, spread.mount))
-            ),
+            repeatability=Repeatability(self.repeatability.pitch, self.repeatability.mount),
             slow_noise=self.noise.slow_noise(),
             assumed=tuple(self._assumed()),
         )

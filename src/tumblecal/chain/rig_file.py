@@ -1,7 +1,7 @@
 """Rigs from TOML, checked strictly: all faults are reported together, with their dotted paths."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,9 +15,10 @@ from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.chain.rig_temperature import TemperatureTable, rig_temperature
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.examples import file_or_example
-from tumblecal.ground.strict_toml import Line, Number, Numbers, Strict, checked, read_toml
+from tumblecal.ground.option_texts import faults_of, sizes
+from tumblecal.ground.strict_toml import Line, Number, Numbers, SdOrNone, Strict, checked, read_toml
 from tumblecal.ground.toml_faults import located
-from tumblecal.ground.units import factor, quantity, reading_sd
+from tumblecal.ground.units import factor
 
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class Values(Strict):
 class NoiseTable(Strict):
     """White noise of a position mean."""
 
-    sd: str
+    sd: SdOrNone
 
 
 class RigTable(Strict):
@@ -118,23 +119,24 @@ def rig_of(
     truth: dict[str, tuple[float, ...]] = {}
     for name, given in table.truth.items():
         numbers = given.value if isinstance(given.value, list) else [given.value]
-        unit = unit_of_parameter(name, units)
-        if unit is None:
-            faults.append(f"{path}: truth.{name}: no such parameter; {_near(name, units)}")
-            continue
         try:
-            truth[name] = tuple(number * factor(given.unit, unit) for number in numbers)
+            with faults_of(f"{path}: truth.{name}"):
+                unit = unit_in(units)(name)
+            with faults_of(f"{path}: truth.{name}.unit"):
+                truth[name] = tuple(number * factor(given.unit, unit) for number in numbers)
         except InputError as error:
-            faults.append(f"{path}: truth.{name}.unit: {error}")
-    priors = _sizes(path, "priors", table.priors, units, faults)
+            faults += error.faults
+
+    def read(key: str, given: Mapping[str, str], units: Mapping[str, str]) -> dict[str, float]:
+        try:
+            return sizes(f"{path}: {key}.", given, unit_in(units))
+        except InputError as error:
+            faults.extend(error.faults)
+            return {}
+
+    priors = read("priors", table.priors, units)
     # The residual sd is not a parameter.
-    usual = _sizes(path, "usual", table.usual, units | {"scatter": "g"}, faults)
-    noise = None
-    if table.noise is not None:
-        try:
-            noise = reading_sd(table.noise.sd, none=True)
-        except InputError as error:
-            faults.append(f"{path}: noise.sd: {error}")
+    usual = read("usual", table.usual, units | {"scatter": "g"})
     temperature = rig_temperature(table.temperature, table.chain.links, faults, str(path))
     if faults:
         raise InputError(located(path, faults))
@@ -149,7 +151,7 @@ def rig_of(
         effects=tuple(table.chain.effects),
         effect_links=effects,
         truth=truth,
-        noise_sd_g=noise,
+        noise_sd_g=None if table.noise is None else table.noise.sd,
         priors={name: (0.0, size) for name, size in priors.items()},
         usual=usual,
         considered=table.considered,
@@ -157,24 +159,6 @@ def rig_of(
         ability=None if table.head is None else table.head.ability(*of_plan),
         source=str(path),
     )
-
-
-def _sizes(
-    path: Path, key: str, given: Mapping[str, str], units: Mapping[str, str], faults: list[str]
-) -> dict[str, float]:
-    """Sizes of parameters in base units from a table of texts; faults are added to the list."""
-    sizes: dict[str, float] = {}
-    for name, text in given.items():
-        unit = unit_of_parameter(name, units)
-        try:
-            sizes[name] = quantity(text, unit or "1")
-            if not sizes[name] > 0:
-                faults.append(f"{path}: {key}.{name}: {text!r} is not a size; give a value above 0")
-        except InputError as error:
-            faults.append(f"{path}: {key}.{name}: {error}")
-        if unit is None:
-            faults.append(f"{path}: {key}.{name}: no such parameter; {_near(name, units)}")
-    return sizes
 
 
 def _near(name: str, known: Mapping[str, object]) -> str:
@@ -188,3 +172,15 @@ def unit_of_parameter(name: str, units: Mapping[str, str]) -> str | None:
     while bare not in units and "_" in bare:
         bare = bare.rpartition("_")[0]
     return units.get(bare)
+
+
+def unit_in(units: Mapping[str, str]) -> Callable[[str], str]:
+    """The unit of a leaf or parameter by its name; a function that raises an `InputError` for an unknown one."""
+
+    def unit_of(name: str) -> str:
+        unit = unit_of_parameter(name, units)
+        if unit is None:
+            raise InputError(f"no such parameter; {_near(name, units)}")
+        return unit
+
+    return unit_of

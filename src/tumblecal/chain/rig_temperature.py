@@ -13,8 +13,9 @@ from tumblecal.chain.nominal import LINKS, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.where import Where
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import faults_of
 from tumblecal.ground.soaks import soaks
-from tumblecal.ground.strict_toml import Number, Strict, toml_table
+from tumblecal.ground.strict_toml import Number, Strict
 from tumblecal.ground.temperature_functions import (
     HIGHEST_ORDER,
     SPLINE_ORDER,
@@ -83,14 +84,12 @@ class RigTemperature:
         for name, how in self.leaves.items():
             if not how.count:
                 continue
-            try:
+            with faults_of(name):
                 if fitted:
                     require_temperature(name, where)
                     _require_soaks(name, how, soaks(np.asarray(where.temperature_degc)))
                 reference, limits = self.reference_and_range(name, where)
                 functions = TemperatureFunctions(how.order, reference, limits, how.knots_degc)
-            except InputError as error:
-                raise InputError([f"{name}: {fault}" for fault in error.faults]) from error
             made[name] = replace(leaves.get(name, usual[name]), follows=functions)
         return made
 
@@ -232,17 +231,11 @@ def _coefficients(
             yield component, tuple(values)
 
 
-def temperature_tables(chain: Chain, *, with_truth: bool) -> Iterator[str]:
-    """The lines of a rig file for the leaves of a chain that follow temperature.
-
-    `with_truth`: with their physical coefficients.
-    """
-    followings = followings_of(chain)
-    if followings:
-        functions = followings[0].functions
-        stated = {"reference_degc": functions.reference_degc, "range_degc": functions.range_degc}
-        yield from toml_table("temperature", stated)
-    for leaf in followings:
+def temperature_content(chain: Chain) -> dict[str, Any]:
+    """The table `temperature` of a rig file for the leaves of a chain that follow temperature, with their physical
+    coefficients; empty without any."""
+    content = dict[str, Any]()
+    for leaf in followings_of(chain):
         functions, name, components = leaf.functions, leaf.reference.name, leaf.reference.components
         physical = np.reshape(leaf.change.value, (functions.count, len(components))).T @ functions.combination
         units = [leaf.reference.unit + divisor for divisor in functions.units]
@@ -251,4 +244,6 @@ def temperature_tables(chain: Chain, *, with_truth: bool) -> Iterator[str]:
             for component, row in zip(components, physical.tolist(), strict=True)
         }
         form = {"knots_degc": functions.knots_degc} if functions.knots_degc else {"order": functions.order}
-        yield from toml_table(f"temperature.{name}", form | ({"truth": truth} if with_truth else {}))
+        content |= {"reference_degc": functions.reference_degc, "range_degc": functions.range_degc}
+        content[name] = form | {"truth": truth}
+    return content

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from tumblecal.check.consistency import Consistency
 from tumblecal.check.usual_changes import USUAL
-from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+from tumblecal.data.sensor_parameters import SENSOR, UNITS
 from tumblecal.ground.units import in_words, shown
 
 
@@ -91,11 +91,11 @@ def combination_words(change: Float[np.ndarray, "9"]) -> str:
 
 def change_words(name: str, change: float) -> str:
     """A change of one parameter with its sign: `bias_x +1.5 mg`."""
-    unit, factor = shown(GROUPS[leaf_of(name)][1])
+    unit, factor = shown(UNITS[name])
     return f"{name} {in_words(f'{change * factor:+.2g}', unit)}"
 
 
 def size_words(name: str, size: float) -> str:
     """A size of a change of one parameter: `1.5 mg`."""
-    unit, factor = shown(GROUPS[leaf_of(name)][1])
+    unit, factor = shown(UNITS[name])
     return in_words(f"{size * factor:.2g}", unit)

@@ -5,7 +5,7 @@
 
 def main() -> None:
     """Run the command line and end the process with its exit code, or by the signal that ended the command."""
-    from tumblecal.cli.interrupts import all_interrupts_kept, end_by, finished, leave_when_asked
+    from tumblecal.cli.interrupts import ALL, end_by, finished, interrupts_kept, leave_when_asked
 
     leave_when_asked()
     import io
@@ -25,7 +25,7 @@ def main() -> None:
     try:
         from tumblecal.cli.commands import run
 
-        all_interrupts_kept()
+        interrupts_kept(ALL)  # a worker process handles Ctrl-C only
         code = run()
     except KeyboardInterrupt:  # before or after the command: no work is incomplete
         code = 130

@@ -4,9 +4,13 @@ import platform
 import sys
 from importlib import metadata
 
+from cyclopts.completion.install import create_install_completion_command
+
 from tumblecal import __version__
+from tumblecal.cli.commands import app
 
 
+install_completion = create_install_completion_command(app.install_completion, True)
 PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "polars", "pyserial", "matplotlib")
 
 

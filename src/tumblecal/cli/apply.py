@@ -1,13 +1,10 @@
 """`tumblecal apply`: corrected data."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from tumblecal.cli.output import Quiet, warn
+from tumblecal.cli.command import table_file, warn
+from tumblecal.cli.options import Quiet, Recording
 from tumblecal.ground.counted import counted
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import RecordingOptions
@@ -19,10 +16,10 @@ def apply(
     /,
     *,
     out: Path | None = None,
-    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
-    other_unit: Annotated[bool, Parameter(negative=())] = False,
-    extrapolate: Annotated[bool, Parameter(negative=())] = False,
-    use_anyway: Annotated[bool, Parameter(negative=())] = False,
+    options: Recording = RecordingOptions(),
+    other_unit: bool = False,
+    extrapolate: bool = False,
+    use_anyway: bool = False,
     quiet: Quiet = False,
 ) -> None:
     """Correct raw readings by a calibration file: f = matrix (A - bias), with its nonlinear, thermal and drift terms if any.
@@ -56,50 +53,39 @@ def apply(
     """
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
-    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import read_checked
     from tumblecal.data.sensor_parameters import SENSOR
-    from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import gravity_of_option
     from tumblecal.recordings.correction.correction import Correction, write_corrected
     from tumblecal.recordings.correction.uncorrected import uncorrected
-    from tumblecal.report.recording_words import layout_words
+    from tumblecal.show.recordings import layout_lines
 
     local = gravity_of_option(options.gravity) if options.gravity else None
     read = read_checked(calibration)
     read.use.require(calibration, anyway=use_anyway)
-    correction = Correction(read, calibration, local, other_unit, extrapolate)
-    calibrated_gravity = correction.calibration.gravity
-    if local is not None and calibrated_gravity is None:
+    if local is not None and read.gravity is None:
         raise InputError(
             f"{calibration}: no gravity is stated, so readings cannot be converted to --gravity {options.gravity}; calibrate "
             "again with --gravity"
         )
-    source = uncorrected(raw, replace(options, gravity=""), correction.calibration)
-    out = out or source.out_beside(raw)
-    protect_inputs([raw, calibration], out=out)
-    if out.suffix not in (".csv", ".parquet") and not out.is_dir():
-        raise InputError(f"{out}: must end in .csv or .parquet")
-    writable_file(out)
+    source = uncorrected(raw, replace(options, gravity=""), read)
+    out = table_file(out or source.out_beside(raw), [raw, calibration])
     with guessed(source.recording.layout.notes if source.recording else ()):
-        checks, outside, one_g = write_corrected(out, source, correction)
-    for words in [*checks.words(), *(outside.words() if outside else ())]:
-        print(f"WARNING: {raw}: {words}", file=sys.stderr)
-    if undetermined := correction.calibration.sensor.of(SENSOR).undetermined_words:
-        print(f"WARNING: {calibration}: the data did not determine {undetermined}", file=sys.stderr)
-    warn(raw, source.recording.damage.lines if source.recording else [])
-    print(f"use of {calibration}: {read.use.words}")
-    for line in layout_words(source.recording) if source.recording else ():
-        print(line)
+        checks, outside, one_g = write_corrected(
+            out, source, Correction(read, calibration, local, other_unit, extrapolate)
+        )
+    warn(raw, [*checks.words(), *(outside.words() if outside else ())])
+    if undetermined := read.sensor.of(SENSOR).undetermined_words:
+        warn(calibration, [f"the data did not determine {undetermined}"])
+    words = [f"use of {calibration}: {read.use.words}"]
+    if source.recording:
+        warn(raw, source.recording.damage.lines)
+        words += layout_lines([source.recording])
     if one_g is not None:
-        print(f"one g is {one_g}{', as in the calibration' if calibrated_gravity else ''}")
+        words.append(f"one g is {one_g}{', as in the calibration' if read.gravity else ''}")
     elif local is not None:
-        print(f"one g of the corrected columns is {local}; the calibration's is {calibrated_gravity}")
-    if words := undetermined_words(correction.calibration.terms):
-        print(words)
-    for words in losses_words(correction.calibration.not_applied):
-        print(words)
-    if source.left_out:
-        print(f"left out: {source.left_out}")
-    print(f"{out}: {counted(checks.rows, 'row')} corrected")
+        words.append(f"one g of the corrected columns is {local}; the calibration's is {read.gravity}")
+    words += [undetermined_words(read.terms), *losses_words(read.not_applied)]
+    words.append(source.left_out and f"left out: {source.left_out}")
+    print("\n".join(filter(None, [*words, f"{out}: {counted(checks.rows, 'row')} corrected"])))

@@ -1,13 +1,13 @@
 """`tumblecal capture`: the guided measurement."""
 
 import contextlib
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.output import warn
+from tumblecal.cli.command import warn
+from tumblecal.cli.options import options, within
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
 
@@ -16,11 +16,7 @@ if TYPE_CHECKING:
     from tumblecal.capture.capture_plan import CapturePlan
 
 
-_LONGEST_WAIT_S = 86400.0
-
-
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class OperatorOptions:
     """Dialogue with the operator.
 
@@ -39,8 +35,8 @@ class OperatorOptions:
         --resume run1 --trust-instrument.
     """
 
-    wait: float = 30.0
-    estimate: bool = True
+    wait: Annotated[float, within(gte=0, lte=86400)] = 30.0
+    estimate: Annotated[bool, Parameter(negative="--no-estimate")] = True
     plain: bool = False
     yes: bool = False
     trust_instrument: bool = False
@@ -51,8 +47,7 @@ class OperatorOptions:
         return self.yes or input(asked).strip().lower().startswith("y")
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class ChamberOptions:
     """Temperatures of the plan; the default is the table [soak] or [chamber] of the plan. --resume keeps them.
 
@@ -98,9 +93,8 @@ class ChamberOptions:
                 "capture: the plan requests no temperature; remove --chamber and --soak-..., or add positions.temperature_degc"
             )
         soak = checked(Path("--soak-..."), plan.soak.model_dump() | stated, SoakTable)
-        url = plan.chamber.url if self.chamber is None else self.chamber
-        chamber = plan.chamber.model_copy(update={"url": "" if url == OPERATOR else url})
-        return plan.model_copy(update={"soak": soak, "chamber": chamber})
+        url = plan.chamber.url if self.chamber is None else "" if self.chamber == OPERATOR else self.chamber
+        return plan.model_copy(update={"soak": soak, "chamber": plan.chamber.model_copy(update={"url": url})})
 
 
 def capture(
@@ -136,15 +130,13 @@ def capture(
     from tumblecal.cli.interrupts import end_by
     from tumblecal.cli.live_estimate import live_estimate
 
-    if not 0 <= operator.wait <= _LONGEST_WAIT_S:
-        raise InputError(f"--wait {operator.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
-    stopped_by = None
     if plan is not None and out is not None and resume is None:
         begun = run_folder.begin(plan, out, port)
     elif resume is not None and plan is out is None:
         begun = run_folder.resume(resume, port)
     else:
         raise InputError("capture: give a plan with --out DIR for a new run, or --resume DIR alone")
+    stopped_by = None
     with begun as run:
         accepted, count = run.journal.state.accepted, len(run.plan.steps)
         warn(run.folder, run.journal.damage)
@@ -155,15 +147,21 @@ def capture(
             run.plan = ChamberOptions(**run.journal.state.temperature_options | given).applied(run.plan)
             if given:
                 run.journal.write("temperature_options", options=given)
-            live = live_estimate(run.plan) if operator.estimate else None
-            how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
             try:
-                guided(run, estimate=live, confirm=operator.still_mounted, **how)
+                guided(
+                    run,
+                    estimate=live_estimate(run.plan) if operator.estimate else None,
+                    confirm=operator.still_mounted,
+                    plain=operator.plain,
+                    wait_s=operator.wait,
+                    trust=operator.trust_instrument,
+                )
             except Stopped as stop:
                 stopped_by = stop.number
-    words = f"stopped with {len(accepted)} of {count} positions; continue with: {suggested('capture', '--resume', run.folder)}"
-    if run.complete:
-        words = f"all {count} positions are recorded; next: {suggested('reduce', run.folder, less=EVERY)}"
+    words = f"all {count} positions are recorded; next: {suggested('reduce', run.folder, less=EVERY)}"
+    if not run.complete:
+        again = suggested("capture", "--resume", run.folder)
+        words = f"stopped with {len(accepted)} of {count} positions; continue with: {again}"
     with contextlib.suppress(OSError):  # the terminal may be gone
         print(f"{run.folder}: {words}", flush=True)
     if stopped_by is not None:

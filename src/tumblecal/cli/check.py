@@ -1,31 +1,81 @@
 """`tumblecal check`: whether a calibration is still valid."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
-
-from tumblecal.cli.calibrate import NOT_USABLE
-from tumblecal.cli.check_options import ConditionOptions, UpdateOptions
-from tumblecal.cli.options import ResultOptions
-from tumblecal.cli.output import Output, warn
+from tumblecal.cli.command import Command, add_to_history, results, warn
+from tumblecal.cli.options import Context, Priors, Recording, Rest, ResultOptions, RigFile, Texts, options, within
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 if TYPE_CHECKING:
-    from tumblecal.check.drift import ProcessNoise
-    from tumblecal.check.gravity import LocalSize
-    from tumblecal.check.result import CheckResult, Model
-    from tumblecal.check.update import Update
-    from tumblecal.data.calibration import Calibration
+    from tumblecal.check.result import Model
     from tumblecal.recordings.reduction import Reduction
 
 _SET = ("check.json", "check.html")
-# Beginnings of lines on intervals at rest that matter here: steps of the readings, and rejected intervals.
-_OF_INTERVALS = ("axis", "axes", "rejected", "and ")
+
+
+@options
+class ConditionOptions:
+    """Conditions of the check.
+
+    Parameters
+    ----------
+    noise_sd
+        Standard deviation of a position mean, with its unit. Default: by the dwells, or the sd columns; at least the dispersion
+        of the positions of the calibration, if its noise was estimated. Example: --noise-sd 0.1mg.
+    repeatability
+        Standard deviation of a parameter or kind of parameter from one switch-on to the next, if the uncertainty of the
+        calibration does not include it. Repeatable. Default: 0. Example: --repeatability 'bias=0.3 mg'.
+    u_gravity
+        Standard uncertainty of --gravity relative to its value. Default: 0 for the gravity of the calibration, otherwise 3e-5
+        (anomalies). Example: --u-gravity 1e-6.
+    largest_error
+        Largest error of a corrected force that is acceptable in use. A changed calibration within it may be used. Default:
+        none, so a changed calibration must not be used. Example: --largest-error 5mg.
+    other_unit
+        Check with a recording whose serial number differs from that of the calibration. Default: an error.
+    extrapolate
+        Check at temperatures outside the range of the calibration. Default: an error.
+    use_anyway
+        Check of a calibration with the judgement `use: no`. Default: an error.
+    """
+
+    noise_sd: str | None = None
+    rig: RigFile = None
+    prior: Priors = ()
+    repeatability: Texts = ()
+    u_gravity: Annotated[float | None, within(gte=0, lt=0.1)] = None
+    largest_error: str = ""
+    other_unit: bool = False
+    extrapolate: bool = False
+    use_anyway: bool = False
+
+
+@options
+class UpdateOptions:
+    """A new calibration from the old one and the recording.
+
+    Parameters
+    ----------
+    update
+        File for the updated calibration. It is not written if the recording contradicts the calibration. Default: none.
+        Example: --update updated.json.
+    free
+        Parameter or kind of parameter that changed: its old value is not used. Repeatable. Example: --free bias_x.
+    drift
+        Standard deviation of the drift of a parameter or kind of parameter, per month. Repeatable. Default: the drift of the
+        unit by --history, if it has three or more results; otherwise none. Example: --drift 'bias=0.1 mg/month'.
+    months
+        Months from the calibration to the recording. Default: by their dates. Example: --months 12.
+    """
+
+    update: Path | None = None
+    free: Texts = ()
+    drift: Texts = ()
+    months: Annotated[float | None, within(gte=0, lt=1200)] = None
 
 
 def check(
@@ -35,12 +85,12 @@ def check(
     *,
     test: ConditionOptions = ConditionOptions(),
     updating: UpdateOptions = UpdateOptions(),
-    context: Annotated[KnownContext, Parameter(name="*")] = KnownContext(),
-    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
-    criterion: Annotated[Criterion, Parameter(name="*")] = Criterion(),
-    results: ResultOptions = ResultOptions(),
+    context: Context = KnownContext(),
+    options: Recording = RecordingOptions(),
+    criterion: Rest = Criterion(),
+    more: ResultOptions = ResultOptions(),
     out: Path = Path("check"),
-    output: Output = Output(),
+    command: Command = Command(),
 ) -> int:
     """Check whether a calibration is still valid, by a few attitudes at rest.
 
@@ -58,209 +108,113 @@ def check(
     out
         Output folder: check.json and check.html. Example: --out check17.
     """
-    from tumblecal.cli.start import start
-
-    output.begin()
-    start()
-    from tumblecal.check.attitudes import still_attitudes
-    from tumblecal.check.drift import by_parameter
+    command.begin()
+    from tumblecal.check.attitudes import provenance, still_attitudes
+    from tumblecal.check.drift import by_parameter, process_noise
+    from tumblecal.check.gravity import local_size
+    from tumblecal.check.record import write_check
     from tumblecal.check.result import check as checked
+    from tumblecal.check.update import freed_names, updated
+    from tumblecal.data.calibration import write_calibration
     from tumblecal.data.file_kinds import require_calibration_and_recording
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import read_checked
-    from tumblecal.ground.blas import single_blas_thread
+    from tumblecal.data.sensor_parameters import UNITS
+    from tumblecal.ground.atomic import writable_file
+    from tumblecal.ground.gravity import gravity_of_option
+    from tumblecal.ground.option_texts import sd_of_reading, sizes
+    from tumblecal.history.database import of_unit, ready
     from tumblecal.recordings.dwells.file_names import recording_files
+    from tumblecal.show.check import verdict_of_check, words_of_check, write_check_page
+    from tumblecal.show.verdict import verdict_lines
 
-    require_calibration_and_recording("check", calibration, recording)
-    read = read_checked(calibration)
+    require_calibration_and_recording(calibration, recording)
+    read, update = read_checked(calibration), updating.update
     read.use.require(calibration, anyway=test.use_anyway)
     files = recording_files(recording, [context.table, context.plan])
-    inputs = [calibration, *files, context.plan, context.table, test.rig, results.history]
-    protect_inputs(inputs, folders=[out], names=_SET)
-    if updating.update is not None:
-        protect_inputs(inputs, out=updating.update)
+    inputs = [calibration, *files, context.plan, context.table, test.rig, more.history]
+    if update is not None:
+        protect_inputs(inputs, out=update)
+        writable_file(update)
     elif updating.free or updating.drift:
         raise InputError(f"--{'free' if updating.free else 'drift'} is for an update; give --update updated.json")
-    noise_sd, largest_g = test.sizes()
-    repeated = by_parameter(test.repeated())
-    rates = updating.rates()
-    results.ready()
-    with single_blas_thread(), output.working("reading"):
-        found = still_attitudes(files, context, replace(options, gravity=""), criterion)
-    _printed(output, found)
-    _require_unit(read, calibration, found, other=test.other_unit)
-    gravity, found = _gravity(read, calibration, found, options.gravity, test.u_gravity)
-    _require_new(read, calibration, found)
-    with output.working("testing"):
-        result = checked(
-            read,
-            calibration,
-            found.data,
-            model=_model(test, found),
-            noise_sd=noise_sd,
-            gravity=gravity,
-            extrapolate=test.extrapolate,
-            largest_g=largest_g,
-            repeatability=repeated,
-        )
-        made, refused = None, None
-        try:
-            made = _updated(result, found, updating, rates, results.history)
-        except InputError as fault:
-            refused = fault
-    stated = [calibration, *found.dwells.files, *_stated(context, test)]
-    _written(result, found, made, (updating.update, stated), results, out, output)
+    noise_sd, largest_g = (
+        sd_of_reading("--noise-sd", test.noise_sd),
+        sd_of_reading("--largest-error", test.largest_error),
+    )
+    again = sizes("--repeatability ", test.repeatability, UNITS, "'bias=0.3 mg'", zero=True)
+    drifts = [text.replace(" ", "").removesuffix("/month") for text in updating.drift]
+    rates = sizes("--drift ", drifts, UNITS, "'bias=0.1 mg/month'", zero=True)
+    if more.history is not None:
+        ready(more.history)
+    made, refused = None, None
+    with results(out, _SET, inputs) as aside:
+        with command.working("reading"):
+            found = still_attitudes(files, context, replace(options, gravity=""), criterion)
+        command.print_recordings(found.dwells.read, found.dwells.warnings, _interval_lines(found))
+        source, serial = provenance(found, calibration), found.data.serial_number or read.serial_number
+        read.require_unit(calibration, found.data.source, serial, other=test.other_unit)
+        local = gravity_of_option(options.gravity) if options.gravity else None
+        gravity, data = local_size(read, found.data, local, test.u_gravity, str(calibration))
+        digests = {record["sha256"]: record["file"] for record in source["recording"]}
+        if used := digests.get(read.provenance.get("sha256", "")):
+            raise InputError(f"{used}: {calibration} was made from this file; check it with a new recording")
+        with command.working("testing"):
+            result = checked(
+                read,
+                calibration,
+                data,
+                model=_model(test, data.hand_held, data.source),
+                noise_sd=noise_sd,
+                gravity=gravity,
+                extrapolate=test.extrapolate,
+                largest_g=largest_g,
+                repeatability=by_parameter(again),
+            )
+            try:
+                if update is not None:
+                    entries = of_unit(more.history, serial) if more.history is not None and serial else None
+                    process = process_noise(read, data, rates, updating.months, entries, str(more.history))
+                    made = updated(result.test, process, freed_names(updating.free), source), process
+            except InputError as fault:
+                refused = fault
+        words = words_of_check(result, [calibration, *found.dwells.files], made, update)
+        verdict = verdict_of_check(result, words)
+        text = "\n".join(verdict_lines(verdict))
+        write_check(aside / "check.json", result, text, source, made[0] if made else None)
+        if more.figures is not False:
+            write_check_page(aside / "check.html", result, words)
+    if made is not None and update is not None:
+        write_calibration(update, made[0].calibration)
+    add_to_history(more.history, out, "check", serial)
+    command.say(*verdict_lines(verdict, command.columns))
+    code = command.end(out, _SET, "check.json", result.use, data.source, f"; {update}" if made else "")
     if refused is not None:
         raise refused
-    return NOT_USABLE if result.use.refused else 0
+    return code
 
 
-def _printed(output: Output, found: "Reduction") -> None:
-    """Print layout, guesses and warnings of the recording."""
-    from tumblecal.report.recording_words import interval_words, layouts_words, left_out_words
+def _interval_lines(found: "Reduction") -> list[str]:
+    """How the attitudes were found: the number of intervals at rest, and those that were rejected."""
+    from tumblecal.show.recordings import words_of_reduction
 
-    output.say("\n".join(found.dwells.lines))
-    if found.dwells.read:
-        output.say("\n".join(layouts_words(found.dwells.read)))
-    if found.dwells.stillness is not None:
-        first, *others = interval_words(found.dwells.stillness)
-        output.say("\n".join([first, *(line for line in others if line.startswith(_OF_INTERVALS))]))
-    for recording in found.dwells.read:
-        output.warn(str(recording.path), left_out_words(recording))
-    for source, lines in found.dwells.warnings:
-        warn(source, lines)
+    words = words_of_reduction(found.dwells)
+    blocks = ("intervals", "steps", "rejected")
+    return [*found.dwells.lines, *(line for block in blocks for line in words.lines(block))]
 
 
-def _require_unit(read: "Calibration", path: Path, found: "Reduction", *, other: bool) -> None:
-    """Reject a recording of a different unit.
-
-    **Raises:** `InputError` if the serial numbers differ, unless `other` is set.
-    """
-    stated = found.data.serial_number
-    if read.serial_number and stated and stated != read.serial_number and not other:
-        raise InputError(
-            f"{found.data.source}: serial number {stated}, but {path} is of {read.serial_number}; give that unit's "
-            "calibration, or --other-unit to insist"
-        )
-
-
-def _require_new(read: "Calibration", path: Path, found: "Reduction") -> None:
-    """Reject the data of the calibration itself, which agree with it whatever happened since.
-
-    **Raises:** `InputError` with the file.
-    """
-    from tumblecal.check.attitudes import provenance
-
-    used = read.provenance.get("sha256")
-    for record in provenance(found, path)["recording"]:
-        if used is not None and record["sha256"] == used:
-            raise InputError(f"{record['file']}: {path} was made from this file; check it with a new recording")
-
-
-def _gravity(
-    read: "Calibration", path: Path, found: "Reduction", stated: str, u: float | None
-) -> "tuple[LocalSize, Reduction]":
-    from tumblecal.check.gravity import local_size
-    from tumblecal.ground.gravity import gravity_of_option
-
-    if u is not None and not 0 <= u < 0.1:
-        raise InputError(f"--u-gravity {u:g}: a relative standard uncertainty from 0 to 0.1, such as 1e-5")
-    local = gravity_of_option(stated) if stated else None
-    gravity, data = local_size(read, found.data, local, u, str(path))
-    return gravity, replace(found, data=data)
-
-
-def _model(test: ConditionOptions, found: "Reduction") -> "Model":
+def _model(test: ConditionOptions, hand_held: bool, source: str) -> "Model":
     """The model of known angles: of --rig and --prior."""
     from tumblecal.check.result import Model
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.cli.options import ModelOptions
 
-    if found.data.hand_held:
-        if test.rig or test.prior:
-            option = "--rig" if test.rig else "--prior"
-            raise InputError(
-                f"{option}: the angles of {found.data.source} are unknown; omit it, or give angles (--plan, --table)"
-            )
+    if not (test.rig or test.prior):
         return Model()
+    if hand_held:
+        option = "--rig" if test.rig else "--prior"
+        raise InputError(f"{option}: the angles of {source} are unknown; omit it, or give angles (--plan, --table)")
     model = StatedModel.of(ModelOptions(rig=test.rig, prior=test.prior))
     if model.rig is not None and (unused := model.rig.tables_of_head):
         warn(model.rig.source, [f"not used by `check`: {', '.join(unused)}"])
     return Model(lambda data: model.chain(data, known=True), model.priors)
-
-
-def _updated(
-    result: "CheckResult",
-    found: "Reduction",
-    updating: UpdateOptions,
-    rates: Mapping[str, float],
-    history: Path | None,
-) -> "tuple[Update, ProcessNoise] | None":
-    """The update, if one is asked for, and its process noise.
-
-    **Raises:** `InputError` if the recording contradicts the calibration, and for unusable options.
-    """
-    if updating.update is None:
-        return None
-    from tumblecal.check.attitudes import provenance
-    from tumblecal.check.drift import process_noise
-    from tumblecal.check.update import freed_names, updated
-    from tumblecal.history.database import of_unit
-
-    freed = freed_names(updating.free)
-    serial = found.data.serial_number or result.calibration.serial_number
-    entries = of_unit(history, serial) if history is not None and serial else None
-    process = process_noise(result.calibration, found.data, rates, updating.months, entries, str(history))
-    return updated(result.test, process, freed, provenance(found, result.path)), process
-
-
-def _stated(context: KnownContext, test: ConditionOptions) -> list[Path | str]:
-    """Options for suggested commands, in addition to those that `suggested` repeats."""
-    values = {"--plan": context.plan, "--table": context.table, "--by": context.by}
-    values |= {"--u-gravity": None if test.u_gravity is None else f"{test.u_gravity:g}"}
-    flags = {"--static": context.static, "--means": context.means, "--other-unit": test.other_unit}
-    flags |= {"--extrapolate": test.extrapolate, "--use-anyway": test.use_anyway}
-    words: list[Path | str] = [word for name, value in values.items() if value for word in (name, value)]
-    words += [word for text in test.repeatability for word in ("--repeatability", text)]
-    return [*words, *(name for name, given in flags.items() if given)]
-
-
-def _written(
-    result: "CheckResult",
-    found: "Reduction",
-    made: "tuple[Update, ProcessNoise] | None",
-    given: tuple[Path | None, list[Path | str]],
-    results: ResultOptions,
-    out: Path,
-    output: Output,
-) -> None:
-    """Write and print the results. `given`: the file of the update, and the words of suggested commands."""
-    from tumblecal.check.attitudes import provenance
-    from tumblecal.check.record import write_check
-    from tumblecal.data.calibration import write_calibration
-    from tumblecal.ground.atomic import output_folders, writable_file
-    from tumblecal.ground.result_set import result_set
-    from tumblecal.show.check import verdict_of_check, words_of_check, write_check_page
-    from tumblecal.show.verdict import verdict_lines
-
-    file, stated = given
-    words = words_of_check(result, stated, made, file)
-    verdict = verdict_of_check(result, words)
-    update = made[0] if made is not None else None
-    if file is not None:
-        writable_file(file)
-    with output_folders([out]), result_set(out, _SET) as aside:
-        write_check(
-            aside / "check.json", result, "\n".join(verdict_lines(verdict)), provenance(found, result.path), update
-        )
-        written = ["check.json"]
-        if results.figures is not False:
-            written += write_check_page(aside / "check.html", result, words)
-    if update is not None and file is not None:
-        write_calibration(file, update.calibration)
-    results.in_history(out, "check", found.data.serial_number or result.calibration.serial_number)
-    output.say("\n".join(verdict_lines(verdict, output.columns)))
-    output.say(f"written: {out}/: {', '.join(written)}{'' if update is None else f'; {file}'}")
-    if result.use.refused:
-        output.warn(result.data.source, [f"use: {result.use.words}"])
-    output.record(out / "check.json")

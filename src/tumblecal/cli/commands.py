@@ -1,18 +1,19 @@
 """All commands by name; the start and the exit code of a command."""
 
 import os
+import shutil
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
-from pathlib import Path
+import textwrap
+import warnings
+from contextlib import nullcontext, redirect_stdout, suppress
+from io import StringIO
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Parameter
 
 from tumblecal import __version__
-from tumblecal.cli.interrupts import NOTHING_HALF_WRITTEN, interrupted, interrupted_by, line_of
-from tumblecal.cli.output import warn_in_one_line
-from tumblecal.ground.errors import InputError, one_line
+from tumblecal.cli.interrupts import NOTHING_HALF_WRITTEN, interrupted_by, line_of
+from tumblecal.ground.errors import InputError, SupplementWarning, one_line
 from tumblecal.ground.plain_text import first_control
 from tumblecal.ground.unwritable import FULL
 
@@ -23,6 +24,7 @@ app = App(
     help="Calibrate accelerometer triads on a dividing head, and find the errors of the model.",
     result_action="return_value",
     suppress_keyboard_interrupt=False,
+    default_parameter=Parameter(negative=()),
 )
 # Help lines are here, so that --help imports no command.
 COMMANDS = {
@@ -50,13 +52,33 @@ COMMANDS = {
     "ports": "List the serial ports.",
     "emulate": "Emulate an instrument on a pseudo-terminal.",
 }
-# A command whose name is a keyword of Python.
-_FILES = {"import": "import_samples"}
 for _name, _help in COMMANDS.items():
-    _file = _FILES.get(_name, _name)
+    _file = "import_samples" if _name == "import" else _name  # a keyword of Python
     app.command(f"tumblecal.cli.{_file}:{_file}", name=_name, help=_help)
 app.command("tumblecal.cli.about:about", name="about", show=False)
-app.register_install_completion_command(help="Install shell completion of commands and options.")
+app.command(
+    "tumblecal.cli.about:install_completion",
+    name="--install-completion",
+    help="Install shell completion of commands and options.",
+)
+
+
+_OTHERS = warnings.formatwarning
+
+
+def warn_in_one_line() -> None:
+    """From now on a missing figure or page is one line on stderr."""
+    warnings.formatwarning = _warning_words
+
+
+def _warning_words(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    if not issubclass(category, SupplementWarning):
+        return _OTHERS(message, category, filename, lineno, line)
+    if interrupted_by():  # compiled modules convert the exception of a signal into other errors
+        raise KeyboardInterrupt
+    return f"WARNING: {message}\n"
 
 
 def run() -> int:
@@ -68,24 +90,30 @@ def run() -> int:
     warn_in_one_line()
     try:
         words = _words(sys.argv[1:])
-        with _printed_to(words):
+        if words in ([], ["-h"], ["--help"]):
+            print(_overview())
+            return 0
+        quiet = {"-q", "--quiet"} & {*words} and not {"-h", "--help"} & {*words}
+        with redirect_stdout(StringIO()) if quiet else nullcontext():  # warnings and errors go to stderr
             code = app(words, print_error=False, exit_on_error=False)
             sys.stdout.flush()
     except KeyboardInterrupt as error:
         return _interrupted(str(error))
     except Exception as error:
-        return _interrupted() if interrupted() else _failed(error)
+        return _interrupted() if interrupted_by() else _failed(error)
     return code if isinstance(code, int) else 0
 
 
-@contextmanager
-def _printed_to(words: list[str]) -> Iterator[None]:
-    """Discard stdout with --quiet. Warnings and errors go to stderr."""
-    if not {"-q", "--quiet"} & {*words} or {"-h", "--help"} & {*words}:
-        yield
-        return
-    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
-        yield
+def _overview() -> str:
+    """The commands; in a fraction of the time that the formatter of their options needs."""
+    width = max(map(len, COMMANDS)) + 2
+    room = shutil.get_terminal_size().columns
+    lines = [
+        textwrap.fill(words, room, initial_indent=name.ljust(width), subsequent_indent=" " * width)
+        for name, words in sorted(COMMANDS.items())
+    ]
+    more = "Options of a command: tumblecal COMMAND --help. Also: --version, --install-completion (of a shell)."
+    return "\n".join(["Usage: tumblecal COMMAND", "", textwrap.fill(str(app.help), room), "", *lines, "", more])
 
 
 def _failed(error: Exception) -> int:

@@ -1,32 +1,25 @@
 """`tumblecal diagnose`."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
-
-from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET, Batch, processes_for
-from tumblecal.cli.join_options import ONE_MOUNTING, JoinOptions
-from tumblecal.cli.options import ModelOptions, NextPositions, ResultOptions
-from tumblecal.cli.output import Output
-from tumblecal.cli.subfolders import subfolders
-from tumblecal.cli.units_together import SUMMARY, UNITS_SET
+from tumblecal.cli.command import Command
+from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET, Batch
+from tumblecal.cli.options import Count, ModelOptions, NextPositions, ResultOptions, options, within
+from tumblecal.cli.position_files import ONE_MOUNTING, JoinOptions, PositionFiles
 from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.data import PositionSet
-    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
+    from tumblecal.cli.position_files import Read
 
 
-# Files in the output folders of one file or a batch.
-_WRITTEN = (*DIAGNOSIS_SET, *UNITS_SET, SUMMARY)
+# Files for all units together.
+_UNITS_SET = ("diagnosis.json", "verdict.txt", "head.toml", "diagnosis.html", "shared_by_unit.svg")
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class InputOptions:
     """Relation of the files to each other, and to raw samples.
 
@@ -54,52 +47,8 @@ class InputOptions:
     samples: Path | None = None
     units: bool = False
     holdout: str | None = None
-    workers: int | None = None
-    max_rows: int | None = None
-
-    def check(self, *, join: bool) -> None:
-        """Check the numbers; `join`: whether the files are joined.
-
-        **Raises:** `InputError` for one that is too small, and for options that contradict each other.
-        """
-        if self.workers is not None and self.workers < 1:
-            raise InputError(f"--workers {self.workers}: at least 1")
-        if self.units and join:
-            raise InputError(
-                "--units treats each file as a different triad, --join treats all as one; give only one of these options"
-            )
-        if self.max_rows is not None and self.max_rows < 3:
-            raise InputError(f"--max-rows {self.max_rows}: at least 3")
-
-    def held_out(self) -> tuple[str, str] | None:
-        """Column and value of the held-out data; None if not given.
-
-        **Raises:** `InputError` for a text that is not COLUMN=VALUE.
-        """
-        if self.holdout is None:
-            return None
-        column, equals, value = self.holdout.partition("=")
-        if not equals or not value:
-            raise InputError(f"--holdout {self.holdout}: write a column and a value, such as run=3")
-        return column.strip(), value.strip()
-
-    def raw(self, data: Sequence[Path], noise_sd: str | None, *, join: bool) -> "DwellSamples | None":
-        """The raw samples; None if not given.
-
-        **Raises:** `InputError` if they cannot be samples of the data, or if the noise is also stated.
-        """
-        if self.samples is None:
-            return None
-        if noise_sd is not None:
-            raise InputError("--samples and --noise-sd both state the noise; give only one of these options")
-        if len(data) > 1 and not join:
-            raise InputError(
-                f"--samples {self.samples}: samples of one position file, but {len(data)} files are given; diagnose each file "
-                "separately"
-            )
-        from tumblecal.recordings.dwells.position_samples import read_position_samples
-
-        return read_position_samples(self.samples)
+    workers: Count | None = None
+    max_rows: Annotated[int | None, within(gte=3)] = None
 
 
 def diagnose(
@@ -111,8 +60,8 @@ def diagnose(
     inputs: InputOptions = InputOptions(),
     joining: JoinOptions = JoinOptions(),
     following: NextPositions = NextPositions(),
-    results: ResultOptions = ResultOptions(),
-    output: Output = Output(),
+    more: ResultOptions = ResultOptions(),
+    command: Command = Command(),
 ) -> int:
     """Find the errors of the model in measured positions, and their causes.
 
@@ -125,88 +74,76 @@ def diagnose(
         figures, diagnosis.html (all results) and, for a batch, summary.csv. A folder with results of calibrate is rejected.
         Example: --out unit17.
     """
-    from tumblecal.cli.start import start
-    from tumblecal.studies.threads import use_one_thread
-
-    output.begin()
-    use_one_thread()
-    start()
-    from tumblecal.data.overwriting import DIAGNOSIS, protect_inputs, protect_other_results
+    command.begin(one_thread=True)
+    from tumblecal.data.overwriting import DIAGNOSIS
     from tumblecal.ground.atomic import output_folders
+    from tumblecal.ground.option_texts import angles, pairs
+    from tumblecal.lab.summary import DIAGNOSED
+    from tumblecal.planning import Allowed
+    from tumblecal.recordings.dwells.position_samples import read_position_samples
 
-    joining.check()
-    inputs.check(join=joining.join)
-    if inputs.units and model.head is not None:
-        raise InputError("--units measures the errors of the head, --head states them; give only one of these options")
+    files = PositionFiles(command, joining, more, data, out)
+    if inputs.units and (joining.join or model.head is not None):
+        raise InputError(
+            "--units treats each file as a different triad on a head of unknown errors; give it without --join and --head"
+        )
     if inputs.units and len(data) < 2:
         raise InputError("--units: only one file; give the files of at least two units to find their common errors")
-    held_out, allowed, raw = inputs.held_out(), following.allowed(), inputs.raw(data, model.noise_sd, join=joining.join)
-    single = joining.join or len(data) == 1
-    batch = Batch(model, held_out, raw, allowed, single, results, inputs.max_rows, output)
-    batch.ready()
-    folders = subfolders(data[:1] if joining.join else data, out)
-    protected = [*data, model.rig, model.head, inputs.samples, *model.effects, results.history]
-    protect_inputs(protected, folders=[*folders, out], names=_WRITTEN)
-    protect_other_results(DIAGNOSIS, [*folders, out])
-    read = batch.read(data, together=single or inputs.units)
-    if joining.join:
-        parts = [part for part in read if not isinstance(part, InputError)]
-        whole, words = joining.joined(parts, batch.rig)
-        output.say(words)
-        batch.compare_with_plan([whole])
-        batch.note = ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
-        read, data = [whole], data[:1]
-    else:
-        batch.compare_with_plan(read)
-    results.ready()
-    with output_folders(folders, out):
+    held_out = next(iter(pairs("--holdout", [inputs.holdout or ""], "run=3").items()), None)
+    if inputs.samples is not None and model.noise_sd is not None:
+        raise InputError("--samples and --noise-sd both state the noise; give only one of these options")
+    if inputs.samples is not None and not files.single:
+        raise InputError("--samples is for one position file, but several are given; diagnose each file separately")
+    raw = None if inputs.samples is None else read_position_samples(inputs.samples)
+    alpha, beta = angles("--allow-alpha", following.allow_alpha), angles("--allow-beta", following.allow_beta)
+    allowed = Allowed(alpha or None, beta or None, following.allow_mount == "turns")
+    batch = Batch(model, held_out, raw, allowed, files.single, more, inputs.max_rows, command)
+    names = (*DIAGNOSIS_SET, *_UNITS_SET)
+    read = files.read(batch.model, model, DIAGNOSIS, names, inputs.samples, together=inputs.units, check_size=False)
+    if joining.join and len(data) > 1 and not isinstance(read[0], InputError) and read[0].mount is None:
+        batch.note = ONE_MOUNTING
+    with output_folders(files.folders, out):
         if inputs.units:
-            from tumblecal.cli.units_together import diagnose_units
-
-            units = [part for part in read if not isinstance(part, InputError)]
-            faults = diagnose_units(batch, data, folders, units, inputs.workers, out)
-        else:
-            faults = _diagnosed(batch, data, folders, read, inputs.workers, out / SUMMARY)
-        if faults:
-            raise InputError(faults)
-    return 0
+            return _diagnose_units(files, batch, read, inputs.workers)
+        outcomes = batch.run(files.files, files.folders, read, inputs.workers)
+        return files.conclude(outcomes, DIAGNOSED, DIAGNOSIS_SET, "diagnosis.json", "diagnosing")
 
 
-def _diagnosed(
-    batch: Batch,
-    files: Sequence[Path],
-    folders: Sequence[Path],
-    read: Sequence["PositionSet | InputError"],
-    workers: int | None,
-    summary: Path,
-) -> list[str]:
-    """Diagnose the files, print each result when it is ready, and write the summary of a batch; returns the faults."""
-    from tumblecal.ground.result_set import remove_results
-    from tumblecal.lab.summary import DIAGNOSED, write_summary
+def _diagnose_units(files: PositionFiles, batch: Batch, read: "list[Read]", workers: int | None) -> int:
+    """Screen each unit, estimate common errors, diagnose each unit given these, and write all results.
 
-    faults: list[str] = []
-    rows: list[dict] = []
-    output = batch.output
-    try:
-        processes = processes_for(len(read)) if workers is None else workers
-        if not batch.single:
-            remove_results(summary.parent, (SUMMARY,))  # it describes the results before the first one is replaced
-        outcomes = batch.run(files, folders, read, processes)
-        for number, folder in enumerate(folders, start=1):
-            with output.working(
-                f"diagnosing {files[number - 1]}{f' ({number} of {len(files)})' if len(files) > 1 else ''}"
-            ):
-                row, refused, text = next(outcomes)
-            rows.append(row)
-            faults += refused
-            if text:
-                output.say(text if batch.single else f"{number} of {len(files)}  {text}")
-            if not refused:
-                output.record(folder / "diagnosis.json")
-    finally:
-        # The summary of an interrupted batch has the rows of the finished files.
-        if not batch.single:
-            write_summary(summary, rows, DIAGNOSED)
-    if not batch.single:
-        output.say(f"written: {summary.parent}/: {summary.name}, a folder for each file")
-    return faults
+    **Raises:** `InputError` with the faults of all files.
+    """
+    from tumblecal.diagnosis.units import joint_diagnosis
+    from tumblecal.ground.result_set import remove_results, result_set
+    from tumblecal.lab.summary import DIAGNOSED
+    from tumblecal.show.units_together import verdict_of_units, words_of_units, write_units
+    from tumblecal.show.verdict import verdict_lines
+
+    screened = {}
+    with batch.command.working(f"screening {len(read)} units"):
+        for number, positions in enumerate(read):
+            try:
+                screened[number] = batch.screened(positions)
+            except InputError as fault:
+                read[number] = fault
+    if len(screened) < 2:
+        faults = [fault for part in read if isinstance(part, InputError) for fault in part.faults]
+        raise InputError([*faults, "--units: fewer than two units can be diagnosed; common errors need at least two"])
+    with batch.command.working("estimating errors common to the units"):
+        measured = joint_diagnosis([*screened.values()], [str(files.files[k]) for k in screened], batch.model.usual)
+    heads = {number: measured.known_to(place) for place, number in enumerate(screened)}
+    del screened
+
+    def write(rows: Sequence[dict[str, Any]]) -> None:
+        units = [(files.folders[number].name, rows[number]) for number in heads]
+        words, figures = words_of_units(measured, units, batch.model.entries), batch.more.figures is not False
+        with result_set(files.out, _UNITS_SET) as aside:
+            write_units(aside, measured, units, batch.model.entries, words, figures=figures)
+        batch.command.say(*verdict_lines(verdict_of_units(measured, words), batch.command.columns))
+        batch.command.end(files.out, _UNITS_SET, "diagnosis.json")
+
+    # They describe the results of the units before the first one is replaced.
+    remove_results(files.out, _UNITS_SET)
+    outcomes = batch.run(files.files, files.folders, read, workers, [heads.get(k) for k in range(len(read))])
+    return files.conclude(outcomes, DIAGNOSED, DIAGNOSIS_SET, "", "diagnosing", write)

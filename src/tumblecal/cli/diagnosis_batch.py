@@ -2,28 +2,31 @@
 
 import os
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tumblecal.cli.command import Command, add_to_history
+from tumblecal.cli.options import ModelOptions, ResultOptions
+from tumblecal.cli.position_files import Outcome
 from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
     from tumblecal.chain.head_file import MeasuredHead
-    from tumblecal.chain.rig import Rig
-    from tumblecal.cli.options import ModelOptions, ResultOptions
-    from tumblecal.cli.output import Output
-    from tumblecal.data import PositionSet
+    from tumblecal.cli.model_options import StatedModel
+    from tumblecal.cli.position_files import Read
+    from tumblecal.diagnosis import Diagnoser
     from tumblecal.diagnosis.screening.screened import Screened
-    from tumblecal.effects import Catalogue
     from tumblecal.planning import Allowed
     from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 
+# Starting a worker process takes as long as the diagnosis of so many files.
 _FILES_A_PROCESS = 40
 # The files of one diagnosis.
 DIAGNOSIS_SET = (
@@ -38,176 +41,139 @@ DIAGNOSIS_SET = (
 class Batch:
     """Options common to all files of one call; sent to the worker processes. `note`: printed if something is found."""
 
-    options: "ModelOptions"
+    options: ModelOptions
     holdout: tuple[str, str] | None
     samples: "DwellSamples | None"
     allowed: "Allowed"
     single: bool
-    results: "ResultOptions"
+    more: ResultOptions
     max_rows: int | None
-    output: "Output"
+    command: Command
     note: str = ""
 
-    def ready(self) -> None:
-        """Read the files of the options and prepare the diagnosis of all files.
-
-        **Raises:** `InputError` for options that cannot be used.
-        """
+    @cached_property
+    def model(self) -> "StatedModel":
+        """The model of the options."""
         from tumblecal.cli.model_options import StatedModel
+
+        return StatedModel.of(self.options)
+
+    @cached_property
+    def diagnoser(self) -> "Diagnoser":
+        """The diagnoser of all files."""
         from tumblecal.diagnosis import Diagnoser
 
-        self._model = StatedModel.of(self.options)
-        self._diagnoser = Diagnoser(self._model.entries, self.single, self._model.usual)
-
-    @property
-    def entries(self) -> "Catalogue":
-        """The catalogue, with the user's effects."""
-        return self._model.entries
-
-    @property
-    def usual(self) -> "Mapping[str, float]":
-        """The largest usual sizes of parameters that a rig states, base units."""
-        return self._model.usual
-
-    @property
-    def rig(self) -> "Rig | None":
-        """The rig of the options."""
-        return self._model.rig
-
-    def compare_with_plan(self, read: "Sequence[PositionSet | InputError]") -> None:
-        """As `StatedModel.compare_with_plan`."""
-        self._model.compare_with_plan(read)
-
-    def read(self, files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
-        """As `StatedModel.read_each`, without a check of the size of the readings."""
-        return self._model.read_each(files, together=together, check_size=False)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without the attributes that each process prepares."""
-        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
+        return Diagnoser(self.model.entries, self.single, self.model.usual)
 
     def run(
         self,
         files: Sequence[Path],
         folders: Sequence[Path],
-        read: Sequence["PositionSet | InputError"],
-        workers: int,
+        read: "Sequence[Read]",
+        workers: int | None,
         heads: "Sequence[MeasuredHead | None] | None" = None,
-    ) -> Iterator[tuple[dict[str, Any], list[str], str]]:
-        """Summary row, faults and words of each file, in order, when each is ready; `heads`: measured errors of the head for
-        each file, if they differ."""
-        heads = [self._model.head] * len(read) if heads is None else heads
+    ) -> Iterator[Outcome]:
+        """The outcome of each file, in order, when it is ready; `heads`: measured errors of the head for each file, if they
+        differ."""
+        heads = [self.model.head] * len(read) if heads is None else heads
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        workers = max(1, min(cores, len(read) // _FILES_A_PROCESS)) if workers is None else workers
         if workers == 1 or len(read) == 1:
             yield from map(self.diagnosed, files, folders, read, heads)
             return
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_work, initargs=(self,))
+        # Without the model and the diagnoser, which each process prepares.
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_work, initargs=(replace(self),))
         try:
-            yield from pool.map(_shared, files, folders, read, heads)
+            yield from pool.map(_diagnosed, files, folders, read, heads)
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def screened(self, positions: "PositionSet") -> "Screened":
+    def screened(self, read: "Read") -> "Screened":
         """The screen of one file; nothing is written.
 
         **Raises:** `InputError` for positions that cannot be diagnosed.
         """
         from tumblecal.estimation.methods import require_noise
 
-        options = self._options(positions, self._model.head)
-        begun = self._diagnoser.begun(**options, samples=self.samples)
+        begun = self.diagnoser.begun(**self._options(read, self.model), samples=self.samples)
         require_noise(begun.extended)
         return begun.screened
 
-    def _options(self, positions: "PositionSet", head: "MeasuredHead | None") -> dict:
+    def _options(self, read: "Read", model: "StatedModel") -> dict[str, Any]:
         """Averaged positions and their stated model, as keyword arguments of a diagnosis.
 
-        **Raises:** `InputError` for more positions than allowed.
+        **Raises:** `InputError` for a file that could not be read, and for more positions than allowed.
         """
         from tumblecal.data.repeats import in_bounds
 
-        bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
+        if isinstance(read, InputError):
+            raise read
+        sampled = self.samples is not None
+        bounded = in_bounds(read, model.noise_sd, self.max_rows, sampled=sampled)
         if self.single:
-            self.output.say(bounded.words)
-        model = replace(self._model, head=head)
-        known = bounded.noise_sd is not None or model.known(bounded.data) or self.samples is not None
+            self.command.say(bounded.words)
+        known = bounded.noise_sd is not None or model.known(bounded.data) or sampled
         chain = model.chain(bounded.data, known=known) if model.described else None
-        priors = model.stated(chain, bounded.data, known=known) if chain is not None else model.priors
-        ability = model.slow_noise(bounded.data, sampled=self.samples is not None)
-        stated = {"noise_sd": bounded.noise_sd, "priors": priors, "ability": ability}
-        return {"data": bounded.data, "chain": chain} | stated
+        return {
+            "data": bounded.data,
+            "chain": chain,
+            "noise_sd": bounded.noise_sd,
+            "priors": model.priors if chain is None else model.stated(chain, bounded.data, known=known),
+            "ability": model.slow_noise(bounded.data, sampled=sampled),
+        }
 
-    def diagnosed(
-        self, file: Path, folder: Path, read: "PositionSet | InputError", head: "MeasuredHead | None"
-    ) -> tuple[dict[str, Any], list[str], str]:
-        """Diagnose one file, with the measured errors of its head, and write its results; a file that could not be read
-        gives its fault."""
+    def diagnosed(self, file: Path, folder: Path, read: "Read", head: "MeasuredHead | None") -> Outcome:
+        """Diagnose one file, with the measured errors of its head, and write its results."""
         from numpy.linalg import LinAlgError
 
         from tumblecal.estimation.methods import require_measured, require_noise
         from tumblecal.ground.result_set import result_set
+        from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
         from tumblecal.lab.summary import diagnosis_row
         from tumblecal.planning import NextPlan, next_plan
-        from tumblecal.report.diagnosis_calibration import lacking_of_diagnosis
-        from tumblecal.report.diagnosis_details import warning_words
-        from tumblecal.report.diagnosis_files import write_diagnosis
-        from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+        from tumblecal.show.diagnosis import verdict_of_diagnosis, words_of_diagnosis, write_diagnosis
         from tumblecal.show.verdict import verdict_lines
 
-        if isinstance(read, InputError):
-            return self._refused(file, read)
+        model = replace(self.model, head=head)
         try:
-            require_measured(read)
-            diagnosis = self._diagnoser(
-                holdout=self.holdout,
-                samples=self.samples,
-                from_rig=self._model.rig is not None,
-                **self._options(read, head),
-            )
+            stated = self._options(read, model) | {"holdout": self.holdout, "samples": self.samples}
+            require_measured(stated["data"])
+            diagnosis = self.diagnoser(from_rig=model.rig is not None, **stated)
             require_noise(diagnosis.extended)
-        except InputError as fault:
-            return self._refused(file, fault)
-        except MemoryError:
-            return self._refused(file, InputError(_too_large(read)))
-        except LinAlgError:
-            return self._refused(file, InputError(f"{read.source}: {_DIVERGED}"))
-        model = replace(self._model, head=head)
-        unusual = model.with_sources(diagnosis.implausible, diagnosis.extended.problem)
-        diagnosis = replace(diagnosis, implausible=unusual)
+        except (InputError, MemoryError, LinAlgError) as error:
+            fault = error if isinstance(error, InputError) else _unfinished(read, error)
+            return Outcome(diagnosis_row(file, fault), fault.faults, f"{file}: rejected")
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
-        figures = self.single if self.results.figures is None else self.results.figures
-        head_record = model.of_head(diagnosis.problem)
-        verdict = verdict_of_diagnosis(diagnosis, plan, folder)
+        words = words_of_diagnosis(diagnosis, plan, folder)
+        verdict = verdict_of_diagnosis(diagnosis, words=words)
+        figures, head_record = self.more.figures, model.of_head(diagnosis.problem)
         with result_set(folder, DIAGNOSIS_SET) as aside:
-            written = write_diagnosis(aside, diagnosis, plan, figures=figures, said=head_record, verdict=verdict)
-        self.results.in_history(folder, "diagnosis", diagnosis.data.serial_number)
-        self.output.warn(diagnosis.data.source, warning_words(diagnosis))
-        if self.single:
-            note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
-            lines = verdict_lines(verdict, self.output.columns)
-            text = "\n".join(lines) + f"{note}\nwritten: {folder}/: {', '.join(written)}"
-        else:
-            lacking = lacking_of_diagnosis(diagnosis, of_sensor=True)
-            text = "; ".join([f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *lacking])
-        return diagnosis_row(file, diagnosis), [], text
-
-    def _refused(self, file: Path, fault: InputError) -> tuple[dict, list[str], str]:
-        from tumblecal.lab.summary import diagnosis_row
-
-        return diagnosis_row(file, fault), list(fault.faults), "" if self.single else f"{file}: rejected"
+            drawn = self.single if figures is None else figures
+            write_diagnosis(aside, diagnosis, plan, figures=drawn, said=head_record, verdict=verdict)
+        add_to_history(self.more.history, folder, "diagnosis", diagnosis.data.serial_number)
+        self.command.warn(diagnosis.data.source, words.lines("warnings"))
+        row, found = diagnosis_row(file, diagnosis), ", ".join(diagnosis.labels) or "nothing found"
+        short = [f"{file}: {diagnosis.verdict}", found, *lacking_of_diagnosis(diagnosis, of_sensor=True)]
+        if not self.single:
+            return Outcome(row, words="; ".join(short))
+        note = [self.note] if self.note and diagnosis.verdict != "adequate" else []
+        lines = [*verdict_lines(verdict, self.command.columns), *note]
+        return Outcome(row, show=partial(self.command.say, *lines))
 
 
-_DIVERGED = (
-    "the model cannot be fitted to these readings (singular equations); check angles, axes and units against the "
-    "measurement log"
-)
-
-
-def _too_large(positions: "PositionSet") -> str:
+def _unfinished(read: "Read", error: Exception) -> InputError:
+    """The fault of a file whose diagnosis ended with an error of the computation."""
     from tumblecal.data.repeats import cost
 
-    return (
-        f"{positions.source}: not enough memory for {len(positions)} positions ({cost(len(positions))}); average repeats, "
-        "or diagnose parts of the file separately"
+    assert not isinstance(read, InputError)
+    if isinstance(error, MemoryError):
+        return InputError(
+            f"{read.source}: not enough memory for {len(read)} positions ({cost(len(read))}); average repeats, or diagnose "
+            "parts of the file separately"
+        )
+    return InputError(
+        f"{read.source}: the model cannot be fitted to these readings (singular equations); check angles, axes and units "
+        "against the measurement log"
     )
 
 
@@ -218,25 +184,14 @@ def _work(batch: Batch) -> None:
     """Prepare a worker process; interrupts are handled by the parent process."""
     global _batch
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    from tumblecal.cli.output import warn_in_one_line
+    from tumblecal.cli.commands import warn_in_one_line
     from tumblecal.cli.start import start
-    from tumblecal.studies.threads import use_one_thread
 
     warn_in_one_line()
-    use_one_thread()
-    start()
-    batch.ready()
+    start(one_thread=True)
     _batch = batch
 
 
-def _shared(
-    file: Path, folder: Path, positions: "PositionSet | InputError", head: "MeasuredHead | None"
-) -> tuple[dict, list[str], str]:
+def _diagnosed(file: Path, folder: Path, positions: "Read", head: "MeasuredHead | None") -> Outcome:
     assert _batch is not None
     return _batch.diagnosed(file, folder, positions, head)
-
-
-def processes_for(files: int) -> int:
-    """Number of processes that saves time: starting one takes as long as some 40 files."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(cores, files // _FILES_A_PROCESS))

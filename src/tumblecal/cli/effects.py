@@ -1,10 +1,13 @@
 """`tumblecal effects`."""
 
+import textwrap
+
+from tumblecal.cli.command import terminal_width
 from tumblecal.cli.options import EffectFiles
 
 
-# Smallest width of the column of words in a narrow terminal.
-_LEAST_WORDS = 20
+# Smallest width of the column of words in a narrow terminal, and the width of a row in a pipe.
+_LEAST_WORDS, _PIPE = 20, 10_000
 
 
 def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
@@ -15,11 +18,6 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
     id
         Effect to explain, such as bias_drift.x. Default: a list of all effects.
     """
-    from rich.console import Console, Group
-    from rich.measure import Measurement
-    from rich.table import Table
-    from rich.text import Text
-
     from tumblecal.cli.start import start
 
     start()
@@ -28,19 +26,15 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
     from tumblecal.ground.units import in_words
 
     entries = catalogue(*effects)
-    console = Console()
     if id is None:
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        for title in ("id", "symbol", "unit"):
-            table.add_column(title, no_wrap=True)
-        table.add_column("physics")
+        rows = [("id", "symbol", "unit", "physics")]
         for effect in entries.values():
             needs = f" (needs {' and '.join(effect.needs)})" if effect.needs else ""
-            table.add_row(Text(effect.id), Text(effect.symbol), Text(effect.unit), Text(effect.physics + needs))
+            rows.append((effect.id, effect.symbol, effect.unit, effect.physics + needs))
     else:
         effect = entry(entries, id)
-        console.print(Text.assemble((effect.id, "bold"), f"  {effect.symbol}" if effect.symbol else ""), soft_wrap=True)
-        rows = {
+        print(f"{effect.id}  {effect.symbol}".rstrip())
+        facts = {
             "physics": effect.physics,
             "cause": effect.cause,
             "what to do": effect.advice,
@@ -51,15 +45,11 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
             "not tested": f"diagnose finds it as {effect.found_as}" if effect.found_as else "",
             "source": effect.source,
         }
-        table = Table.grid(padding=(0, 1))
-        table.add_column(no_wrap=True)
-        table.add_column()
-        for name, text in rows.items():
-            if text:
-                table.add_row(f"  {name}:", Text(text))
+        rows = [(f"  {name}:", text) for name, text in facts.items() if text]
     # In a pipe each row is one line; in a narrow terminal only the words are folded, never the ids.
-    wide = console.options.update(width=10_000)
-    columns = [Measurement.get(console, wide, Group(*column.cells, column.header)).maximum for column in table.columns]
-    fixed = sum(columns[:-1]) + 2 * len(columns)
-    width = max(console.width, fixed + _LEAST_WORDS) if console.is_terminal else fixed + columns[-1]
-    Console(width=width, highlight=False).print(table)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)][:-1]
+    room = (terminal_width() or _PIPE) - sum(widths) - 2 * len(widths)
+    for *cells, words in rows:
+        start_of_row = "".join(f"{cell:{width}}  " for cell, width in zip(cells, widths, strict=True))
+        lines = textwrap.wrap(words, max(room, _LEAST_WORDS), break_on_hyphens=False)
+        print(start_of_row + f"\n{' ' * len(start_of_row)}".join(lines))

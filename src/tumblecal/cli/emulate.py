@@ -3,17 +3,9 @@
 import contextlib
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from tumblecal.cli.options import EffectFiles
-from tumblecal.cli.output import warn
-from tumblecal.ground.counted import counted
+from tumblecal.cli.options import EffectFiles, Positive
 from tumblecal.ground.errors import InputError
-
-
-if TYPE_CHECKING:
-    from tumblecal.capture.emulator.config import Emulation
-    from tumblecal.capture.emulator.device import TruthFunction
 
 
 def emulate(
@@ -21,9 +13,9 @@ def emulate(
     /,
     *,
     port: Path = Path("virtual-imu"),
-    speed: float = 1.0,
+    speed: Positive = 1.0,
     follow: Path | None = None,
-    seconds: float | None = None,
+    seconds: Positive | None = None,
     ledger: Path | None = None,
     chamber: Path | None = None,
     mount: str | None = None,
@@ -63,8 +55,6 @@ def emulate(
     from tumblecal.cli.interrupts import end_by
     from tumblecal.data.overwriting import protect_inputs
 
-    if not speed > 0:
-        raise InputError(f"emulate: --speed {speed}: must be above 0")
     for made in (ledger, port, chamber):
         protect_inputs([config, *effects], out=made)
     if chamber is not None and chamber.absolute() == port.absolute():
@@ -72,7 +62,15 @@ def emulate(
     wanted = read_emulation(config)
     if wanted.rig is None and mount is not None:
         raise InputError(f"--mount {mount}: {config} states no rig; add rig = and the file with [mounts.{mount}]")
-    truth = ideal if wanted.rig is None else exact_truth(wanted, wanted.rig, config, effects, mount)
+    truth = ideal
+    if wanted.rig is not None:
+        from tumblecal.cli.start import start
+
+        start()
+        from tumblecal.effects import catalogue
+        from tumblecal.simulation.instrument_truth import instrument_truth
+
+        truth = instrument_truth(wanted, config, catalogue(*effects), mount)
     operator = Follower(follow, wanted) if follow is not None else Typist()
     with StopSignals() as signals:
         device = VirtualDevice(wanted, truth)
@@ -88,83 +86,3 @@ def emulate(
             print(f"the emulator {device.ledger.warning()}", flush=True)
     if signals.received is not None:
         end_by(signals.received)
-
-
-def exact_truth(
-    wanted: "Emulation", rig_file: str, config: Path, files: tuple[Path, ...], mount: str | None
-) -> "TruthFunction":
-    """Readings at a position by the exact chain of the rig with its true parameters, and effects in their catalogue's units.
-
-    `config`: the file of the virtual instrument. `files`: Python files with user-defined effects. `mount`: the mounting;
-    None: the first one of the rig's plan.
-
-    **Raises:** `InputError` for an unknown effect, more values than its coefficients, or a mounting that the plan lacks.
-    """
-    from dataclasses import replace
-
-    import numpy as np
-
-    from tumblecal.cli.start import start
-
-    start()
-    import equinox as eqx
-
-    from tumblecal.chain import Chain
-    from tumblecal.chain.where import settings, with_visits
-    from tumblecal.effects import catalogue
-    from tumblecal.effects.added_terms import base_unit
-    from tumblecal.effects.catalogue import entry, links, read_rig_with_effects
-    from tumblecal.ground.toml_faults import faults_at
-
-    path, entries = (config.parent / rig_file).resolve(), catalogue(*files)
-    rig = read_rig_with_effects(path, entries)
-    if "[head.noise]" in rig.tables_of_head:
-        warn(path, ["[head.noise] is not used by `emulate`: the virtual instrument states its noise"])
-    plan = rig.plan
-    mounted = np.array([label == (mount or plan.mounts[0]) for label in plan.mounts])
-    if not mounted.any():
-        known = ", ".join(dict.fromkeys(plan.mounts))
-        raise InputError(f"--mount {mount}: {path} has no positions in this mounting; mountings of its plan: {known}")
-    plan_alpha, plan_beta, count = np.radians(plan.alpha_deg), np.radians(plan.beta_deg), len(plan.alpha_deg)
-    # Effects of the temperature need several soaks.
-    degc = np.resize(np.linspace(0.0, 50.0, 6), count)
-    where = settings(
-        plan_alpha,
-        plan_beta,
-        run=plan.runs,
-        mount=plan.mounts,
-        time_s=np.zeros(count),
-        temperature_degc=degc,
-        approach=np.ones(count),
-    )
-    where = with_visits(where, {leaf.by for leaf in rig.leaves.values()})
-    chain = rig.true_chain(where)
-    for id, values in wanted.effects.items():
-        with faults_at(config, f"effects.{id}"):
-            scale = base_unit(entry(entries, id).unit)[1]
-            link = links(entries, (id,), where)[id][0]
-            leaves = Chain((link,)).parameters
-            factors = {name: 1.0 if leaf.unit == "s" else scale for leaf in leaves for name in leaf.names}
-            if len(factors) < len(values):
-                raise InputError(f"{len(values)} values, but it has {counted(len(factors), 'coefficient')}")
-            stated = zip(factors.items(), values, strict=False)
-            chain = (chain + link).named({name: factor * value for (name, factor), value in stated})
-    evaluate = eqx.filter_jit(lambda chain, where: chain(where))
-
-    def truth(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float):
-        alpha, beta = np.radians([alpha_deg, beta_deg])
-        # Each pitch setting of the rig has an error, and each visit of it in a plan of visits: that of the nearest position.
-        turned = np.abs(np.sin((plan_alpha - alpha) / 2))
-        row = int(np.lexsort((turned, np.round(np.abs(plan_beta - beta), 9), ~mounted))[0])
-        here = np.arange(count) == row
-        now = replace(
-            where,
-            alpha=np.where(here, alpha, plan_alpha),
-            beta=np.where(here, beta, plan_beta),
-            # The time of effects begins at the first position, so the other rows remain at zero.
-            time_s=np.where(here, time_s, 0.0),
-            temperature_degc=np.full(count, temperature_degc),
-        )
-        return np.asarray(evaluate(chain, now))[row]
-
-    return truth

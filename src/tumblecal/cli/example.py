@@ -20,17 +20,13 @@ def example(name: str | None = None, *, out: Path = Path()) -> None:
 
     if name is None:
         names = example_names()
-        width = max(map(len, names))
         for known in names:
-            print(f"{known:{width}}  {example_title(known)}")
+            print(f"{known:{max(map(len, names))}}  {example_title(known)}")
         return
     files = example_files(name)
-    different = [
-        path for file, text in files.items() if (path := out / file).exists() and path.read_bytes() != text.encode()
-    ]
-    if different:
-        paths = " and ".join(map(str, different))
-        raise InputError(f"{paths}: exists and differs from the example; move it, or give another folder with --out")
+    for path, text in ((out / file, text) for file, text in files.items()):
+        if path.exists() and path.read_bytes() != text.encode():
+            raise InputError(f"{path}: exists and differs from the example; move it, or give another folder with --out")
     writable_folder(out)
     write_texts(out, files)
     for file in files:

@@ -1,19 +1,18 @@
 """`tumblecal export`: a calibration for devices and other programs."""
 
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from tumblecal.cli.output import Quiet
+from tumblecal.cli.options import Positive, Quiet
+from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
     from tumblecal.data.calibration import Calibration
-    from tumblecal.devices import Export, Target
     from tumblecal.ground.gravity import Gravity
 
 Format = Literal[
@@ -27,13 +26,13 @@ def export(
     *,
     to: Annotated[Format, Parameter(name="--to")],
     out: Path | None = None,
-    gravity: Annotated[str | None, Parameter(show_default=False)] = None,
+    gravity: str | None = None,
     temperatures: str | None = None,
     at: float | None = None,
-    table_step: float | None = None,
+    table_step: Positive | None = None,
     noise: Path | None = None,
     run_time: str | None = None,
-    use_anyway: Annotated[bool, Parameter(negative=())] = False,
+    use_anyway: bool = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a calibration in the format of a device or another program, and report in mg the losses of that format.
@@ -67,14 +66,15 @@ def export(
     use_anyway
         Export of a calibration with the judgement `use: no`. Default: an error.
     """
+    from tumblecal import __version__
     from tumblecal.data.calibration_terms import undetermined_words
-    from tumblecal.data.not_applied import losses_words
+    from tumblecal.data.not_applied import use_lines
     from tumblecal.data.overwriting import protect_inputs
-    from tumblecal.data.result_records import read_checked
+    from tumblecal.data.result_records import noise_of_reduction, read_checked
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
     from tumblecal.ground.atomic import writable_file, write_text
-    from tumblecal.ground.errors import InputError
+    from tumblecal.ground.option_texts import size
 
     if quiet and out is None:
         raise InputError("--quiet prints nothing, so the export would be lost; add --out")
@@ -82,19 +82,22 @@ def export(
     whole.use.require(calibration, anyway=use_anyway)
     one_g = _one_g(calibration, whole, gravity)
     protect_inputs([calibration, noise], out=out)
-    measured = _measured(whole)
+    measured, thermal = _measured(whole), "temperature_degc" in whole.columns_needed
     span = measured if temperatures is None else _span(temperatures)
-    _require_choice(at, table_step, span)
-    part = target.carried(whole, span, at)
-    run_s = None if run_time is None else _run_time(run_time)
-    noises = () if noise is None else _noise(noise)
-    bare = Export(part, one_g.value_ms2, _about(calibration, whole), span, noises, run_s, at, table_step)
-    lost = losses(target, bare, whole, target.write(bare))
-    notes = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
-    notes += filter(None, [undetermined_words(whole.terms)])
-    notes.append(f"use: {whole.use.words}")
-    notes += losses_words(whole.not_applied)
-    notes += _extrapolated(whole, span, measured)
+    if at is not None and span is not None and not span[0] <= at <= span[1]:
+        raise InputError(f"--at {at:g}: outside the range of {span[0]:.4g} to {span[1]:.4g} degC; widen --temperatures")
+    date, serial = whole.provenance.get("date_utc"), whole.serial_number
+    of = f"{f'serial number {serial}, ' if serial else ''}{calibration.name}{f' of {date}' if date else ''}"
+    header, noises = f"tumblecal {__version__}: calibration of {of}", noise_of_reduction(noise) if noise else ()
+    run_s = None if run_time is None else size("--run-time", run_time, "s")
+    bare = Export(target.carried(whole, span, at), one_g.value_ms2, (header,), span, noises, run_s, at, table_step)
+    notes = [f"lost: {loss}" for loss in losses(target, bare, whole, target.write(bare))]
+    notes = [*(notes or ["nothing of this calibration is lost"]), undetermined_words(whole.terms), *use_lines(whole)]
+    if span and measured and thermal and (span[0] < measured[0] or span[1] > measured[1]):
+        notes.append(
+            f"the data cover {measured[0]:.4g} to {measured[1]:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the "
+            "dependence on temperature is extrapolated"
+        )
     notes += target.notes
     if undetermined := whole.sensor.of(SENSOR).undetermined_words:
         notes.append(f"the data did not determine {undetermined}")
@@ -102,46 +105,35 @@ def export(
         notes.append(f"one g is {one_g}, as in the calibration")
     if one_g.assumed and to not in ("c-header", "csv"):
         notes.append(f"one g is {one_g}: {'calibrate again' if whole.gravity else 'state it'} with --gravity")
-    text = target.write(replace(bare, header=(*bare.header, target.words, *notes)))
+    notes = [note for note in notes if note]
+    text = target.write(replace(bare, header=(header, target.words, *notes)))
     if out is None:
         print(text, end="")
     else:
         writable_file(out)
         write_text(out, text)
         print(f"{out}: {target.words}")
-    if run_time is not None and not any(term.per_hour for term in whole.terms):
-        notes.append(f"--run-time {run_time}: no effect, because this calibration has no drift terms")
-    if at is not None and "temperature_degc" not in whole.columns_needed:
-        notes.append(f"--at {at:g}: no effect, because nothing in this calibration depends on temperature")
-    given = {"gravity": gravity, "temperatures": temperatures, "noise": noise, "table-step": table_step}
-    for line in [
-        *notes,
-        *_without_effect(target, bare, {name: text for name, text in given.items() if text is not None}),
-    ]:
-        print(line, file=sys.stderr if out is None else sys.stdout)
+    # The content without an option is written to see whether the option has an effect.
+    given = {
+        "gravity": (gravity, replace(bare, gravity_ms2=one_g.value_ms2 * 1.001)),
+        "temperatures": (temperatures, replace(bare, temperatures_degc=None)),
+        "noise": (noise, replace(bare, noise=())),
+        "table-step": (table_step, replace(bare, table_step_degc=None)),
+        "run-time": (run_time, bare if not any(term.per_hour for term in whole.terms) else None),
+        "at": (at, None if thermal else bare),
+    }
+    for name, (value, without) in given.items():
+        if value is not None and without is not None and target.write(without) == target.write(bare):
+            notes.append(f"--{name} {value}: no effect on the export of this calibration to {to}")
+    print("\n".join(notes), file=sys.stderr if out is None else sys.stdout)
 
 
 def _measured(whole: "Calibration") -> tuple[float, float] | None:
     """The range of temperature (degC) of the data of curves or thermal terms; None without them, or if it is not stated."""
     if whole.temperature is not None:
         return whole.temperature.range_degc
-    match whole.provenance.get("temperature_range_degc"):
-        case [float() | int() as low, float() | int() as high] if low < high and any(t.thermal for t in whole.terms):
-            return float(low), float(high)
-    return None
-
-
-def _extrapolated(
-    whole: "Calibration", span: tuple[float, float] | None, measured: tuple[float, float] | None
-) -> Iterator[str]:
-    """A note, if the temperature range exceeds that of the data."""
-    if span and measured and "temperature_degc" in whole.columns_needed:
-        low, high = measured
-        if span[0] < low or span[1] > high:
-            yield (
-                f"the data cover {low:.4g} to {high:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the "
-                "dependence on temperature is extrapolated"
-            )
+    low, high = whole.provenance.get("temperature_range_degc") or (0.0, 0.0)
+    return (low, high) if low < high and any(term.thermal for term in whole.terms) else None
 
 
 def _one_g(path: Path, whole: "Calibration", gravity: str | None) -> "Gravity":
@@ -149,58 +141,15 @@ def _one_g(path: Path, whole: "Calibration", gravity: str | None) -> "Gravity":
 
     **Raises:** `InputError` if the option contradicts the calibration, because it would change the bias in m/s^2.
     """
-    from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import SAME_MS2, STANDARD, gravity_of_option
 
-    stated = None if gravity is None else gravity_of_option(gravity)
-    calibrated = whole.gravity
-    if calibrated is None or stated is None:
-        return calibrated or stated or STANDARD
-    if abs(stated.value_ms2 - calibrated.value_ms2) > SAME_MS2:
+    stated, calibrated = None if gravity is None else gravity_of_option(gravity), whole.gravity
+    if stated and calibrated and abs(stated.value_ms2 - calibrated.value_ms2) > SAME_MS2:
         cure = "calibrate again with --gravity" if calibrated.assumed else "remove this option"
         raise InputError(
             f"--gravity {gravity}: one g of {path} is {calibrated} at every site, and its bias in m/s^2 depends on that; {cure}"
         )
-    return calibrated
-
-
-def _without_effect(target: "Target", export: "Export", given: dict[str, object]) -> Iterator[str]:
-    """Notes on options that do not change the file."""
-    text = target.write(export)
-    without = {
-        "gravity": replace(export, gravity_ms2=export.gravity_ms2 * 1.001),
-        "temperatures": replace(export, temperatures_degc=None),
-        "noise": replace(export, noise=()),
-        "table-step": replace(export, table_step_degc=None),
-    }
-    for name, value in given.items():
-        if target.write(without[name]) == text:
-            yield f"--{name} {value}: no effect on the export of this calibration to {target.name}"
-
-
-def _about(path: Path, whole: "Calibration") -> tuple[str, ...]:
-    from tumblecal import __version__
-
-    date, serial = whole.provenance.get("date_utc"), whole.serial_number
-    of = f"{f'serial number {serial}, ' if serial else ''}{path.name}{f' of {date}' if date else ''}"
-    return (f"tumblecal {__version__}: calibration of {of}",)
-
-
-def _run_time(text: str) -> float:
-    """The time of `--run-time`, s.
-
-    **Raises:** `InputError` for a text that is not a time above 0.
-    """
-    from tumblecal.ground.errors import InputError
-    from tumblecal.ground.units import quantity
-
-    try:
-        seconds = quantity(text, "s")
-    except InputError as error:
-        raise InputError(f"--run-time: {error}") from error
-    if seconds <= 0:
-        raise InputError(f"--run-time {text}: must be above 0")
-    return seconds
+    return calibrated or stated or STANDARD
 
 
 def _span(text: str) -> tuple[float, float]:
@@ -208,46 +157,9 @@ def _span(text: str) -> tuple[float, float]:
 
     **Raises:** `InputError` for a text that is not a range.
     """
-    from tumblecal.ground.errors import InputError
+    from tumblecal.ground.option_texts import numbers
 
-    low, colon, high = text.partition(":")
-    try:
-        span = float(low), float(high)
-    except ValueError:
-        span = (0.0, 0.0)
-    if not colon or not -100 <= span[0] < span[1] <= 200:
+    low, *high = numbers("--temperatures", text, "0:60", ":")
+    if len(high) != 1 or not -100 <= low < high[0] <= 200:
         raise InputError(f"--temperatures {text}: write LOW:HIGH in degC, such as 0:60")
-    return span
-
-
-def _require_choice(at: float | None, table_step: float | None, span: tuple[float, float] | None) -> None:
-    """Check `--at` and `--table-step`.
-
-    **Raises:** `InputError` for a temperature that is outside the range, or a step that is not above 0.
-    """
-    from tumblecal.ground.errors import InputError
-
-    if at is not None and span is not None and not span[0] <= at <= span[1]:
-        raise InputError(f"--at {at:g}: outside the range of {span[0]:.4g} to {span[1]:.4g} degC; widen --temperatures")
-    if table_step is not None and not 0 < table_step < float("inf"):
-        raise InputError(f"--table-step {table_step:g}: must be above 0 degC")
-
-
-def _noise(path: Path) -> tuple[dict[str, float], ...]:
-    """The noise coefficients of the axes in a reduction.
-
-    **Raises:** `InputError` for a file that is not a reduction.
-    """
-    from tumblecal.ground.axes import AXES
-    from tumblecal.ground.errors import InputError
-    from tumblecal.ground.json_file import read_json
-    from tumblecal.ground.strict_json import Size, validated
-
-    try:
-        content: Any = read_json(path)
-        axes = [content["axes"][axis]["noise"] for axis in AXES]
-        sizes = tuple({key: axis[key] for key in ("white_g_per_rthz", "walk_g_per_rts")} for axis in axes)
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: no noise of three axes; give the reduction.json of tumblecal reduce") from error
-    validated(sizes, tuple[dict[str, Size], ...], str(path), "noise")
-    return sizes
+    return low, high[0]

@@ -1,22 +1,24 @@
 """`tumblecal history`: the results of all units."""
 
-import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
-
-from tumblecal.cli.output import Quiet
+from tumblecal.cli.command import names_written, results, warn
+from tumblecal.cli.options import Files, Probability, Quiet, Texts, options
+from tumblecal.ground.counted import counted, shortened
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.suggested_command import suggested
 
 
 if TYPE_CHECKING:
     from tumblecal.history.entry import Entry
 
+_SET = ("history.html", "history_*.svg")
+_SHOWN = 10
 
-@Parameter(name="*")
-@dataclass(frozen=True)
+
+@options
 class Criteria:
     """Limits for the comparison of results.
 
@@ -29,37 +31,11 @@ class Criteria:
         Probability that a parameter exceeds its limit by the end of the recalibration interval. Example: --risk 0.01.
     """
 
-    limit: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
-    risk: float = 0.05
-
-    def limits(self) -> dict[str, float]:
-        """The limits in base units.
-
-        **Raises:** `InputError` for texts that are not limits.
-        """
-        from tumblecal.data.sensor_parameters import GROUPS
-        from tumblecal.ground.errors import InputError
-        from tumblecal.ground.units import quantity
-        from tumblecal.history.repeatability import PAPER_LIMITS
-
-        if not 0 < self.risk < 1:
-            raise InputError(f"--risk {self.risk:g}: a probability between 0 and 1")
-        limits = dict(PAPER_LIMITS)
-        for text in self.limit:
-            name, _, size = (part.strip() for part in text.partition("="))
-            if not size or name not in GROUPS:
-                raise InputError(f"--limit {text!r}: write NAME=SIZE with {', '.join(GROUPS)}, e.g. 'bias=1 mg'")
-            try:
-                limits[name] = quantity(size, GROUPS[name][1])
-            except InputError as error:
-                raise InputError(f"--limit {text!r}: {error}") from error
-            if not limits[name] > 0:
-                raise InputError(f"--limit {text!r}: must be above 0")
-        return limits
+    limit: Texts = ()
+    risk: Probability = 0.05
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class AddedResults:
     """Results to add first.
 
@@ -71,11 +47,8 @@ class AddedResults:
         The three runs of Table 2 of the paper, added as unit "paper".
     """
 
-    add: Annotated[tuple[Path, ...], Parameter(negative=(), show_default=False)] = ()
-    example: Annotated[bool, Parameter(negative=())] = False
-
-
-_SET = ("history.html", "history_*.svg")
+    add: Files = ()
+    example: bool = False
 
 
 def history(
@@ -87,7 +60,7 @@ def history(
     criteria: Criteria = Criteria(),
     files: int | None = None,
     out: Path | None = None,
-    check: Annotated[bool, Parameter(negative=())] = False,
+    check: bool = False,
     quiet: Quiet = False,
 ) -> int:
     """List the results of all units, or evaluate those of one: changes, repeatability, recalibration interval.
@@ -106,58 +79,59 @@ def history(
     check
         Test of all results by their checksums, and of the file by SQLite. Exit code 1 if something is damaged.
     """
-    from tumblecal.ground.errors import InputError
     from tumblecal.history.database import listed
 
-    if out is not None and serial is None and files is None:
-        raise InputError(f"--out {out}: a page is for one unit; give its serial number after {database}")
-    limits = criteria.limits()
     if check:
         if serial is not None or files is not None or out is not None or added != AddedResults():
             raise InputError(f"--check tests the whole file; give only {database}")
-        return _checked(database)
-    if serial is None and criteria != Criteria():
-        raise InputError(f"--limit and --risk apply to one unit; give its serial number after {database}")
-    if added.add or added.example:
-        _added(database, added.add, example=added.example)
-    if files is not None and serial is None:
-        return _restore_files(database, files, out)
+        return _check(database)
+    if serial is None and (criteria != Criteria() or (out is not None and files is None)):
+        raise InputError(f"--limit, --risk and --out are for one unit; give its serial number after {database}")
+    limits = _limits(criteria)
+    _add(database, added)
     entries = listed(database)
-    _warned(database, [entry for entry in entries if entry.damaged])
-    if serial is None:
+    if serial is None and files is None:
+        _warn(database, entries)
         _list(database, entries)
         return 0
-    if not (results := [entry.number for entry in entries if entry.serial == serial and not entry.damaged]):
-        units = sorted({entry.serial for entry in entries if not entry.damaged} - {""})
-        raise InputError(f"{database}: no unit {serial}; units: {', '.join(units[:10]) or 'none with a serial number'}")
-    if files is None:
-        _judged(database, serial, limits, criteria.risk, out)
-        return 0
-    if files not in results:
-        listed_results = f"{', '.join(map(str, results[:10]))}{', ...' * (len(results) > 10)}"
-        raise InputError(f"--files {files}: not a result of unit {serial}; its results are {listed_results}")
-    return _restore_files(database, files, out)
+    units = sorted({entry.serial for entry in entries if not entry.damaged} - {""})
+    if serial is not None and serial not in units:
+        raise InputError(
+            f"{database}: no unit {serial}; units: {shortened(units, _SHOWN) or 'none with a serial number'}"
+        )
+    if files is not None:
+        numbers = [entry.number for entry in entries if serial in (None, entry.serial)]
+        if serial is not None and files not in numbers:
+            shown = shortened([*map(str, numbers)], _SHOWN)
+            raise InputError(f"--files {files}: not a result of unit {serial}; its results are {shown}")
+        return _restore(database, files, out)
+    _evaluate(database, str(serial), limits, criteria.risk, out)
+    return 0
 
 
-def _checked(database: Path) -> int:
+def _limits(criteria: Criteria) -> dict[str, float]:
+    """The limits in base units.
+
+    **Raises:** `InputError` for texts that are not limits.
+    """
+    from tumblecal.data.sensor_parameters import GROUPS
+    from tumblecal.ground.option_texts import sizes
+    from tumblecal.history.repeatability import PAPER_LIMITS
+
+    units = {leaf: unit for leaf, (_, unit) in GROUPS.items()}
+    return {**PAPER_LIMITS, **sizes("--limit ", criteria.limit, units, "'bias=1 mg'")}
+
+
+def _check(database: Path) -> int:
     """Print the damaged results; returns 1 if there are any."""
-    from tumblecal.ground.counted import counted
     from tumblecal.history.database import checked
 
     entries, faults = checked(database)
-    damaged = [entry for entry in entries if entry.damaged]
-    for entry in damaged:
-        print(f"{_of(entry)}: damaged: {entry.damaged}")
-    for words in faults:
-        print(f"SQLite: {words}")
-    if not damaged and not faults:
-        print(f"{database}: {counted(len(entries), 'result')}, none damaged")
-        return 0
-    print(
-        f"{database}: {len(damaged)} of {counted(len(entries), 'result')} damaged, {counted(len(faults), 'fault')} of the file "
-        "itself; restore it from a copy"
-    )
-    return 1
+    found = [f"{_of(entry)}: damaged: {entry.damaged}" for entry in entries if entry.damaged]
+    found += [f"SQLite: {fault}" for fault in faults]
+    outcome = f"{counted(len(found), 'fault')}; restore it from a copy" if found else "none damaged"
+    print("\n".join([*found, f"{database}: {counted(len(entries), 'result')}, {outcome}"]))
+    return 1 if found else 0
 
 
 def _of(entry: "Entry") -> str:
@@ -165,114 +139,101 @@ def _of(entry: "Entry") -> str:
     return f"result {entry.number}{f' of {entry.date_utc[:10]}' if entry.date_utc else ''}"
 
 
-def _warned(database: Path, damaged: "Sequence[Entry]") -> None:
-    for entry in damaged:
-        print(f"WARNING: {database}: {_of(entry)} is not used, because it is damaged: {entry.damaged}", file=sys.stderr)
+def _warn(database: Path, entries: "Sequence[Entry]") -> None:
+    damaged = (entry for entry in entries if entry.damaged)
+    warn(database, (f"{_of(entry)} is not used, because it is damaged: {entry.damaged}" for entry in damaged))
 
 
-def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:
+def _add(database: Path, added: AddedResults) -> None:
     """Add the results of folders, and the runs of the paper.
 
     **Raises:** `InputError` for a folder without results; then nothing is added.
     """
-    from tumblecal.ground.errors import InputError
     from tumblecal.history.database import add
-    from tumblecal.history.folders import KINDS, of_folder
+    from tumblecal.history.folders import entries_of, paper_runs
 
-    entries = []
-    for folder in folders:
-        kinds = [kind for name, kind in KINDS.items() if (folder / name).is_file()]
-        if not kinds:
-            raise InputError(
-                f"{folder}: no {' or '.join(KINDS)}; give an output folder of calibrate, diagnose or check"
-            )
-        entries += [of_folder(folder, kind) for kind in kinds]
-    if example:
-        entries += _example()
-    new = sum(add(database, entry) for entry in entries)
-    print(f"{database}: {new} of {len(entries)} added{' (the others were in it)' if new < len(entries) else ''}")
+    entries = [entry for folder in added.add for entry in entries_of(folder)]
+    if added.example:
+        from tumblecal.cli.start import start
 
+        start()
+        from tumblecal.data import paper
+        from tumblecal.data.sensor_parameters import MOUNT, SENSOR
+        from tumblecal.estimation import exact, problem_of
+        from tumblecal.lab.record import calibration_of
 
-def _example() -> list:
-    """The three runs of the paper, with the uncertainty of the exact fit to Table 1, which is one of the runs."""
-    from tumblecal.cli.start import start
-
-    start()
-    from tumblecal.data import paper
-    from tumblecal.data.sensor_parameters import MOUNT, SENSOR
-    from tumblecal.estimation import exact, problem_of
-    from tumblecal.history.folders import paper_runs
-    from tumblecal.lab.record import calibration_of
-
-    return paper_runs(calibration_of(exact.fit(problem_of(paper.table1()))).sensor.of((*SENSOR, *MOUNT)).covariance)
+        # The uncertainty of the exact fit to Table 1, which is one of the runs.
+        fit = exact.fit(problem_of(paper.table1()))
+        entries += paper_runs(calibration_of(fit).sensor.of((*SENSOR, *MOUNT)).covariance)
+    if entries:
+        new = sum(add(database, entry) for entry in entries)
+        print(f"{database}: {new} of {len(entries)} added{' (the others were in it)' if new < len(entries) else ''}")
 
 
-def _restore_files(database: Path, number: int, out: Path | None) -> int:
+def _restore(database: Path, number: int, out: Path | None) -> int:
     """Write the stored files of a result, except damaged ones, which are named; returns 1 if there are any.
 
     **Raises:** `InputError` for an unknown number, no output folder, or a folder that has such files.
     """
     from tumblecal.ground.atomic import write_text
-    from tumblecal.ground.errors import InputError
-    from tumblecal.ground.result_set import result_set
     from tumblecal.history.database import damaged_documents, documents
 
-    stored, damaged = documents(database, number), damaged_documents(database, number)
-    if damaged and not stored:
-        raise InputError(f"--files {number}: damaged in {database}: {', '.join(damaged)}; restore it from a copy")
-    if out is None or not stored:
-        raise InputError(
-            f"--files {number}: {'give a folder with --out' if stored else f'{database} has no such files'}"
+    stored, damaged = documents(database, number), ", ".join(damaged_documents(database, number))
+    if not stored:
+        reason = (
+            f"damaged in {database}: {damaged}; restore it from a copy" if damaged else f"{database} has no such files"
         )
-    existing = sorted(name for name in stored if (out / name).exists())
-    if existing:
+        raise InputError(f"--files {number}: {reason}")
+    if out is None:
+        raise InputError(f"--files {number}: give a folder with --out")
+    if existing := sorted(name for name in stored if (out / name).exists()):
         raise InputError(f"{out}: has {', '.join(existing)} already; give a different folder with --out")
-    with result_set(out, ()) as aside:
+    with results(out, ()) as aside:
         for name, text in stored.items():
             write_text(aside / name, text)
-    print(f"written: {out}/: {', '.join(sorted(stored))}")
+    print(names_written(out, sorted(stored)))
     if damaged:
-        words = f"result {number}: not written, damaged: {', '.join(damaged)}"
-        print(f"WARNING: {database}: {words}; restore the history from a copy", file=sys.stderr)
+        warn(database, [f"result {number}: not written, damaged: {damaged}; restore the history from a copy"])
     return 1 if damaged else 0
 
 
 def _list(database: Path, entries: "Sequence[Entry]") -> None:
-    from tumblecal.ground.counted import counted
-    from tumblecal.ground.suggested_command import suggested
-    from tumblecal.report.history_list import listed
+    from tumblecal.show.history_list import listed
 
     print(listed(entries))
-    entries = [entry for entry in entries if not entry.damaged]
-    units = len({entry.serial for entry in entries} - {""})
-    nameless = sum(not entry.serial for entry in entries)
-    named = f"{counted(len(entries) - nameless, 'result')} of {counted(units, 'unit')}"
-    unnamed = f"{counted(nameless, 'result')} without a serial number (no unit; state `# serial_number:` in the data)"
-    count = "; ".join([named] * (units > 0 or not nameless) + [unnamed] * (nameless > 0))
-    print(f"{count}; one unit: {suggested('history', database, 'SERIAL')}")
+    serials = [entry.serial for entry in entries if not entry.damaged]
+    units, nameless = {*serials} - {""}, serials.count("")
+    count = [f"{counted(len(serials) - nameless, 'result')} of {counted(len(units), 'unit')}"] if units else []
+    if nameless or not units:
+        count.append(
+            f"{counted(nameless, 'result')} without a serial number (no unit; state `# serial_number:` in the data)"
+        )
+    print(f"{'; '.join(count)}; one unit: {suggested('history', database, 'SERIAL')}")
 
 
-def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:
-    from tumblecal.ground.errors import InputError
-    from tumblecal.ground.suggested_command import suggested
+def _evaluate(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:
+    """Print the history of a unit, and write its page.
+
+    **Raises:** `InputError` for a unit without a calibration.
+    """
     from tumblecal.history.database import of_unit
     from tumblecal.history.repeatability import unit_history
-    from tumblecal.report.history_words import history_text
+    from tumblecal.show.history import history_text, words_of_history
 
     entries = of_unit(database, serial)
-    _warned(database, [entry for entry in entries if entry.damaged])
+    _warn(database, entries)
     judged = unit_history(entries, limits)
     if not judged.entries:
         raise InputError(
             f"{database}: no result of {serial} has a calibration; list all results without the serial number"
         )
+    words = words_of_history(serial, judged, risk)
     pages = f"tables and control charts: {suggested('history', database, serial, '--out', 'page')}"
     if out is not None:
-        from tumblecal.ground.result_set import result_set
-        from tumblecal.report.history_page import draw_charts, write_history_page
+        from tumblecal.report.history_page import draw_charts
+        from tumblecal.show.history_page import write_history_page
 
-        with result_set(out, _SET) as aside:
-            names = draw_charts(aside, judged)
-            names += write_history_page(aside / "history.html", serial, judged, risk, names)
-        pages = f"written: {out}/: {', '.join(names)}"
-    print(f"{history_text(serial, judged, risk)}\n{pages}")
+        with results(out, _SET) as aside:
+            write_history_page(aside / "history.html", words, judged, draw_charts(aside, judged))
+        pages = names_written(out, _SET)
+    print(f"{history_text(words)}\n{pages}")

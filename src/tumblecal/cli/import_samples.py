@@ -2,13 +2,10 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from tumblecal.cli.output import Output, warn
+from tumblecal.cli.command import Command, table_file, warn
+from tumblecal.cli.options import Recording
 from tumblecal.ground.counted import counted
-from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import RecordingOptions
 
 
@@ -17,8 +14,8 @@ def import_samples(
     /,
     *,
     out: Path | None = None,
-    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
-    output: Output = Output(),
+    options: Recording = RecordingOptions(),
+    command: Command = Command(),
 ) -> None:
     """Describe a recording (rows, rate, columns with their evidence, gaps, repeats, damage), and write its samples as a table.
 
@@ -36,23 +33,22 @@ def import_samples(
     out
         Table of samples (.parquet or .csv). Default: SOURCE.samples.parquet in the current folder. Example: --out log.csv.
     """
-    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.recordings.description import SUFFIX, write_description
     from tumblecal.recordings.reading import read_recording
-    from tumblecal.report.recording_words import import_document, import_lines, left_out_words
+    from tumblecal.recordings.record import import_record
+    from tumblecal.show.recordings import import_lines, left_out_lines
 
-    output.begin()
-
-    path = out or Path(f"{source.stem}.samples.parquet")
-    if path.suffix not in (".csv", ".parquet"):
-        raise InputError(f"{path}: must end in .csv or .parquet")
-    protect_inputs([source], out=path)
+    command.begin(computing=False)
+    path = table_file(out or Path(f"{source.stem}.samples.parquet"), [source])
     contents = read_recording(source, path, options)
     warn(source, contents.damage.lines)
     description = path.with_name(f"{contents.path.name}{SUFFIX}")
     write_description(contents, description)
-    output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}"]))
-    output.say(f"{description}: its description, for reduce, thermal, check and apply")
-    if output.json:
-        print(json.dumps(import_document(source, path, contents)))
-    output.warn(str(source), left_out_words(contents))
+    command.say(
+        *import_lines(contents),
+        f"{path}: {counted(contents.rows, 'sample')}",
+        f"{description}: its description, for reduce, thermal, check and apply",
+    )
+    if command.json:
+        print(json.dumps(import_record(source, path, contents)))
+    command.warn(str(source), left_out_lines(contents))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # Last words of an interrupted command.
 NOTHING_HALF_WRITTEN = "no file was left half-written"
 _WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
-_OURS = tuple(_WORDS)
+ALL = tuple(_WORDS)
 _IMPORTING = "<frozen importlib._bootstrap>"
 # Delay before a signal is raised again, s.
 _AGAIN_S = 0.02
@@ -30,7 +30,7 @@ _asked, _asked_at = 0, 0.0
 
 def leave_when_asked() -> None:
     """From now on a signal ends the process at once, with one line."""
-    _handled_by(_leave, _OURS)
+    _handled_by(_leave, ALL)
 
 
 def interrupts_kept(numbers: tuple[int, ...] = (signal.SIGINT,)) -> None:
@@ -43,18 +43,8 @@ def interrupts_kept(numbers: tuple[int, ...] = (signal.SIGINT,)) -> None:
         sys.unraisablehook = _asked_again
 
 
-def all_interrupts_kept() -> None:
-    """The same for all three signals, in the process of a command; a worker process handles Ctrl-C only."""
-    interrupts_kept(_OURS)
-
-
-def interrupted() -> bool:
-    """Whether a signal was received: compiled modules convert its exception into other errors."""
-    return _asked != 0
-
-
 def interrupted_by() -> int:
-    """The received signal; 0 for none."""
+    """The received signal, 0 for none: compiled modules convert its exception into other errors."""
     return _asked
 
 
@@ -74,7 +64,7 @@ def end_by(number: int) -> None:
 def finished() -> None:
     """Ignore signals after all output is written: Python removes its handlers before it exits."""
     _printed()
-    _handled_by(signal.SIG_IGN, _OURS)
+    _handled_by(signal.SIG_IGN, ALL)
 
 
 def _printed() -> None:

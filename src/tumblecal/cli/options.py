@@ -1,24 +1,43 @@
-"""Options that several commands share: one type and one text each, so that every --help has the same words."""
+"""Options that several commands share: one declaration and one text each, so that every --help has the same words."""
 
 import math
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal, TypeVar, dataclass_transform
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import LARGEST_SEED
-from tumblecal.ground.suggested_command import suggested
-from tumblecal.ground.text_file import shown
-
-
-if TYPE_CHECKING:
-    from tumblecal.planning import Allowed
+from tumblecal.ground.option_texts import LARGEST_SEED
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
+Declared = TypeVar("Declared")
+
+
+@dataclass_transform(frozen_default=True)
+def options(declared: type[Declared]) -> type[Declared]:
+    """Declare options that belong together: the fields of a frozen dataclass, with the texts of its docstring."""
+    return Parameter(name="*")(dataclass(frozen=True)(declared))
+
+
+def within(**limits: float) -> Parameter:
+    """The limits of a number: gt, gte, lt, lte."""
+    return Parameter(validator=Number(**limits))
+
+
+Texts = Annotated[tuple[str, ...], Parameter(show_default=False)]
+Files = Annotated[tuple[Path, ...], Parameter(show_default=False)]
+Seed = Annotated[int, within(gte=0, lte=LARGEST_SEED)]
+Count = Annotated[int, within(gte=1)]
+Positive = Annotated[float, within(gt=0, lt=math.inf)]
+Probability = Annotated[float, within(gt=0, lt=1)]
+Recording = Annotated[RecordingOptions, Parameter(name="*")]
+Context = Annotated[KnownContext, Parameter(name="*")]
+Rest = Annotated[Criterion, Parameter(name="*")]
+
+# With this option `commands.run` discards what a command prints to stdout.
+Quiet = Annotated[bool, Parameter(name=("--quiet", "-q"), help="No output except warnings and errors.")]
 RigFile = Annotated[
     Path | None,
     Parameter(help="Rig file (TOML). Default: inferred from the angle columns. Example: --rig configs/paper24.toml."),
@@ -31,107 +50,60 @@ NoiseSd = Annotated[
     ),
 ]
 Priors = Annotated[
-    tuple[str, ...],
+    Texts,
     Parameter(
-        negative=(),
-        show_default=False,
-        help="Gaussian prior on a parameter: standard deviation about zero. Repeatable. Example: --prior 'dbeta=3 arcmin'.",
-    ),
-]
-Fixed = Annotated[
-    tuple[str, ...],
-    Parameter(
-        negative=(),
-        show_default=False,
-        help="Parameter fixed at its nominal value. Repeatable. Example: --fix dbeta.",
-    ),
-]
-HeadFile = Annotated[
-    Path | None,
-    Parameter(
-        help="Measured errors of the dividing head: head.toml of tumblecal diagnose --units. Their covariance is used; if "
-        "the noise is unknown, they are treated as exact. Example: --head units/head.toml."
-    ),
-]
-LocalGravity = Annotated[
-    str | None,
-    Parameter(
-        help="Gravity at the bench: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres). "
-        "Readings in m/s^2 are divided by it, and it is stored with the results. Default: the value in the files. "
-        "Example: --gravity 9.8123."
-    ),
-]
-Columns = Annotated[
-    str | None,
-    Parameter(
-        help="Names of the columns in the files, as NAME=COLUMN. Unknown columns that are not listed are then ignored. "
-        "Default: the standard names. Example: --columns alpha_deg=angle,ax_g=AccX,ay_g=AccY,az_g=AccZ."
-    ),
-]
-Attitudes = Annotated[
-    Literal["head", "hand", "unknown"] | None,
-    Parameter(
-        help="How the attitudes were set: by a head at the angles of the file, by hand near these angles (each position has a "
-        "tilt, dbeta is fixed), or unknown. Default: the comment `# attitudes:` of the file, then head with --rig or --head; "
-        "otherwise tilts are used if the data show them. Example: --attitudes hand."
+        help="Gaussian prior on a parameter: standard deviation about zero. Repeatable. Example: --prior 'dbeta=3 arcmin'."
     ),
 ]
 EffectFiles = Annotated[
-    tuple[Path, ...],
+    Files,
     Parameter(
         name="--effects",
-        negative=(),
-        show_default=False,
         help="Python file with user-defined effects. Repeatable. Example: --effects my_effects.py.",
     ),
 ]
-_ANGLES = "a number, numbers separated by commas, or START:END:STEP. Repeatable. Default: every 15 deg"
-AllowedAlpha = Annotated[
-    tuple[str, ...],
-    Parameter(
-        negative=(),
-        show_default=False,
-        help=f"Spindle angles (deg) allowed for the proposed positions: {_ANGLES}. Example: --allow-alpha 0:360:45.",
-    ),
-]
-AllowedBeta = Annotated[
-    tuple[str, ...],
-    Parameter(
-        negative=(),
-        show_default=False,
-        help=f"Pitch angles (deg) allowed for the proposed positions: {_ANGLES} within those of the data. "
-        "Example: --allow-beta 0,30.",
-    ),
-]
-AllowedMount = Annotated[
-    Literal["none", "turns"],
-    Parameter(
-        help="Remounting of the triad in its fixture for the proposed positions: turns (allowed) or none. "
-        "Example: --allow-mount none."
-    ),
-]
-
-_MOST_ANGLES = 720
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class ModelOptions:
-    """The model that is fitted."""
+    """The model that is fitted.
+
+    Parameters
+    ----------
+    fix
+        Parameter fixed at its nominal value. Repeatable. Example: --fix dbeta.
+    head
+        Measured errors of the dividing head: head.toml of tumblecal diagnose --units. Their covariance is used; if the noise is
+        unknown, they are treated as exact. Example: --head units/head.toml.
+    gravity
+        Gravity at the bench: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres). Readings in
+        m/s^2 are divided by it, and it is stored with the results. Default: the value in the files. Example: --gravity 9.8123.
+    columns
+        Names of the columns in the files, as NAME=COLUMN. Unknown columns that are not listed are then ignored. Default: the
+        standard names. Example: --columns alpha_deg=angle,ax_g=AccX,ay_g=AccY,az_g=AccZ.
+    attitudes
+        How the attitudes were set: by a head at the angles of the file, by hand near these angles (each position has a tilt,
+        dbeta is fixed), or unknown. Default: the comment `# attitudes:` of the file, then head with --rig or --head; otherwise
+        tilts are used if the data show them. Example: --attitudes hand.
+    """
 
     rig: RigFile = None
     noise_sd: NoiseSd = None
     prior: Priors = ()
-    fix: Fixed = ()
-    head: HeadFile = None
-    gravity: LocalGravity = None
-    columns: Columns = None
+    fix: Texts = ()
+    head: Path | None = None
+    gravity: str | None = None
+    columns: str | None = None
     effects: EffectFiles = ()
-    attitudes: Attitudes = None
+    attitudes: Literal["head", "hand", "unknown"] | None = None
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The files that the options name."""
+        return (self.rig, self.head, *self.effects)
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class ResultOptions:
     """Results in addition to the files of the output folder.
 
@@ -144,99 +116,26 @@ class ResultOptions:
         Example: --history lab.db.
     """
 
-    figures: bool | None = None
+    figures: Annotated[bool | None, Parameter(negative="--no-figures")] = None
     history: Path | None = None
 
-    def ready(self) -> None:
-        """Create the history if it is missing, before the work begins.
 
-        **Raises:** `InputError` for a file that is not a history.
-        """
-        if self.history is not None:
-            from tumblecal.history.database import ready
-
-            ready(self.history)
-
-    def in_history(self, folder: Path, kind: str, serial: str | None) -> None:
-        """Add the results of a folder to the history, if one is given.
-
-        **Raises:** `InputError` if they cannot be added; the folder keeps them.
-        """
-        if self.history is not None:
-            from tumblecal.history.database import add
-            from tumblecal.history.folders import of_folder
-
-            try:
-                add(self.history, of_folder(folder, kind, serial))
-            except InputError as error:
-                later = f"the results are in {folder}/; add them later: {suggested('history', self.history, '--add', folder)}"
-                raise InputError([f"{fault}; {later}" for fault in error.faults]) from error
-            if serial is None:
-                print(
-                    f"WARNING: {self.history}: {folder} was added without a serial number, so it belongs to no unit: state "
-                    "the number in the data (# serial_number: ...)",
-                    file=sys.stderr,
-                )
-
-
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class NextPositions:
-    """Angles and mountings allowed for the proposed positions."""
+    """Angles and mountings allowed for the proposed positions.
 
-    allow_alpha: AllowedAlpha = ()
-    allow_beta: AllowedBeta = ()
-    allow_mount: AllowedMount = "turns"
-
-    def allowed(self) -> "Allowed":
-        """The options as an argument of `next_plan`.
-
-        **Raises:** `InputError` for texts that are not angles.
-        """
-        from tumblecal.planning import Allowed
-
-        alpha, beta = angles("--allow-alpha", self.allow_alpha), angles("--allow-beta", self.allow_beta)
-        return Allowed(alpha, beta, self.allow_mount == "turns")
-
-
-def seed_in_range(seed: int) -> None:
-    """Check a seed.
-
-    **Raises:** `InputError` for a number below 0 or above `LARGEST_SEED`.
+    Parameters
+    ----------
+    allow_alpha
+        Spindle angles (deg) allowed for the proposed positions: a number, numbers separated by commas, or START:END:STEP.
+        Repeatable. Default: every 15 deg. Example: --allow-alpha 0:360:45.
+    allow_beta
+        Pitch angles (deg) allowed for the proposed positions: a number, numbers separated by commas, or START:END:STEP.
+        Repeatable. Default: every 15 deg within those of the data. Example: --allow-beta 0,30.
+    allow_mount
+        Remounting of the triad in its fixture for the proposed positions: turns (allowed) or none. Example: --allow-mount none.
     """
-    if not 0 <= seed <= LARGEST_SEED:
-        raise InputError(f"--seed {shown(seed)}: must be from 0 to {LARGEST_SEED}")
 
-
-def angles(option: str, texts: Sequence[str]) -> tuple[float, ...] | None:
-    """The angles (deg) of an option given as `0,45`, `0:360:15` (end included) or several times; None if not given.
-
-    **Raises:** `InputError` for a text in none of these forms.
-    """
-    given: list[float] = []
-    for text in texts:
-        for part in text.split(","):
-            given += _angles(f"{option} {text}", part.strip())
-    if len(given) > _MOST_ANGLES:
-        raise InputError(f"{option}: {len(given)} angles; give at most {_MOST_ANGLES}")
-    return tuple(dict.fromkeys(given)) or None
-
-
-def _angles(given: str, part: str) -> list[float]:
-    try:
-        numbers = [float(number) for number in part.split(":")]
-    except ValueError:
-        raise InputError(f"{given}: {part!r} is not an angle; write degrees such as 45, 0,45,90 or 0:360:15") from None
-    if not all(math.isfinite(number) and abs(number) <= 360 for number in numbers):
-        raise InputError(f"{given}: angles are in degrees, from -360 to 360")
-    if len(numbers) == 1:
-        return numbers
-    start, end, step = numbers if len(numbers) == 3 else (0.0, 0.0, 0.0)
-    if step <= 0 or end < start:
-        raise InputError(f"{given}: write a range as START:END:STEP with END above START and STEP above 0")
-    count = math.floor((end - start) / step + 1e-9) + 1
-    if count > _MOST_ANGLES:
-        raise InputError(f"{given}: {count} angles; give at most {_MOST_ANGLES}")
-    values = [round(start + step * number, 9) for number in range(count)]
-    # A whole turn ends where it began.
-    return values[:-1] if count > 1 and math.isclose(values[-1] - values[0], 360.0) else values
+    allow_alpha: Texts = ()
+    allow_beta: Texts = ()
+    allow_mount: Literal["none", "turns"] = "turns"

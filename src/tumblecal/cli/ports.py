@@ -5,25 +5,13 @@ def ports() -> None:
     """List the serial devices: stable name for a plan, description, USB ids, and the process that uses it."""
     from pathlib import Path
 
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
     from tumblecal.capture.port.transport import available, holder_of
+    from tumblecal.show.tables import Table
 
-    devices = available()
-    if not devices:
-        print("no serial device found; check its cable")
-        return
-    table = Table(box=box.SIMPLE)
-    for name in ("port", "device", "USB id", "serial number", "in use by"):
-        table.add_column(name)
-    for device in devices:
-        ids = (
-            f"{device.vendor:04x}:{device.product:04x}"
-            if device.vendor is not None and device.product is not None
-            else ""
-        )
-        holder = holder_of(Path(device.url)) or ""
-        table.add_row(device.url, device.description or "", ids, device.serial_number or "", holder)
-    Console().print(table)
+    rows = list[list[str]]()
+    for device in available():
+        ids = "" if device.vendor is None else f"{device.vendor:04x}:{device.product or 0:04x}"
+        words = (device.description, ids, device.serial_number, holder_of(Path(device.url)))
+        rows.append([device.url, *(text or "" for text in words)])
+    header = ("port", "device", "USB id", "serial number", "in use by")
+    print(Table(header, rows, text=range(5)) if rows else "no serial device found; check its cable")

@@ -1,25 +1,22 @@
 """`tumblecal reduce`: position means of samples."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.output import Output, Quiet, warn
-from tumblecal.data.overwriting import protect_inputs
+from tumblecal.cli.command import Command, names_written, results, warn
+from tumblecal.cli.options import Context, Quiet, Recording, Rest
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
-if TYPE_CHECKING:
-    from tumblecal.recordings.reduction import Reduction
-    from tumblecal.recordings.still.stillness import Stillness
-
 # With fewer attitudes a bias may change the median size of the readings.
 _FEWEST_SIZES = 6
-_WRITTEN = ("positions.csv", "positions.parquet", "reduction.json", "intervals.svg")
+_FIGURE = "intervals.svg"
+_SET = ("positions.csv", "positions.parquet", "reduction.json", _FIGURE)
 
 
 def reduce(
@@ -27,10 +24,10 @@ def reduce(
     /,
     *,
     out: Path | None = None,
-    context: Annotated[KnownContext, Parameter(name="*")] = KnownContext(),
-    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
-    criterion: Annotated[Criterion, Parameter(name="*")] = Criterion(),
-    figures: bool = True,
+    context: Context = KnownContext(),
+    options: Recording = RecordingOptions(),
+    criterion: Rest = Criterion(),
+    figures: Annotated[bool, Parameter(negative="--no-figures")] = True,
     quiet: Quiet = False,
 ) -> None:
     """Average the samples of every position; write positions.csv, positions.parquet and reduction.json.
@@ -53,68 +50,49 @@ def reduce(
     figures
         Figure intervals.svg of the still intervals. Example: --no-figures.
     """
+    from rich.console import Console
+
     from tumblecal.capture.journal import JOURNAL_NAME
-    from tumblecal.ground.atomic import output_folders
-    from tumblecal.ground.result_set import result_set
+    from tumblecal.data.gravity_size import moving_fault, size_fault
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.recordings.dwells.rest import NothingStill
     from tumblecal.recordings.reduce import reduced
     from tumblecal.recordings.reduction import write_reduction
-
-    output = Output(quiet)
-    files = recording_files(sources, [context.table, context.plan])
-    captured = (files[0] / JOURNAL_NAME).is_file()
-    folder = out or (files[0] if captured else Path("reduced"))
-    if not captured:
-        protect_inputs([*files, context.plan, context.table], folders=[folder], names=_WRITTEN)
-    try:
-        with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
-            reduction = reduced(files, context, options, criterion)
-            paths = write_reduction(reduction, aside)
-            if figures and reduction.dwells.stillness is not None:
-                paths += _drawn(reduction.dwells.stillness, aside, reduction.data.names)
-    except NothingStill as nothing:
-        # In a folder with results of an earlier reduction it would look like a figure of these.
-        if not figures or nothing.stillness is None or any((folder / name).exists() for name in _WRITTEN[:3]):
-            raise
-        with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
-            shown = "".join(f"; {folder / path.name} shows it" for path in _drawn(nothing.stillness, aside))
-        with guessed(getattr(nothing, "__notes__", ())):
-            raise InputError(f"{nothing}{shown}") from nothing
-    _printed(reduction, output)
-    output.say(f"{', '.join(str(folder / path.name) for path in paths)}: {_summary(reduction)}")
-
-
-def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
-    """Draw the still intervals; returns the path of the figure, if it was drawn."""
     from tumblecal.report.drawing import draw_each, save
     from tumblecal.report.interval_figure import interval_figure
+    from tumblecal.show.narrow import print_table
+    from tumblecal.show.recordings import left_out_lines, mean_table, noise_lines, reduction_lines, unusual_lines
 
-    return [*draw_each(folder, {"intervals.svg": lambda: interval_figure(stillness, names)}, save).values()]
-
-
-def _printed(reduction: "Reduction", output: Output) -> None:
-    """Print warnings, the recordings and the means; with --quiet only warnings."""
-    from tumblecal.data.gravity_size import moving_fault, size_fault
-    from tumblecal.report.recording_words import left_out_words, reduction_words
-    from tumblecal.report.reduction_terminal import print_reduction, unusual_words
-
-    data, source = reduction.data, reduction.data.source
-    for name, lines in reduction.dwells.warnings:
+    command, files = Command(quiet), recording_files(sources, [context.table, context.plan])
+    captured = (files[0] / JOURNAL_NAME).is_file()
+    folder = out or (files[0] if captured else Path("reduced"))
+    try:
+        with results(folder, _SET, [] if captured else [*files, context.plan, context.table]) as aside:
+            found = reduced(files, context, options, criterion)
+            write_reduction(found, aside)
+            if figures and (stillness := found.dwells.stillness) is not None:
+                draw_each(aside, {_FIGURE: lambda: interval_figure(stillness, found.data.names)}, save)
+    except NothingStill as nothing:
+        stillness, shown = nothing.stillness, ""
+        # In a folder with results of an earlier reduction it would look like a figure of these.
+        if figures and stillness is not None and not any((folder / name).exists() for name in _SET[:3]):
+            with results(folder, _SET) as aside:
+                if draw_each(aside, {_FIGURE: lambda: interval_figure(stillness, ())}, save):
+                    shown = f"; {folder / _FIGURE} shows it"
+        with guessed(getattr(nothing, "__notes__", ())):
+            raise InputError(f"{nothing}{shown}") from nothing
+    data, dwells = found.data, found.dwells
+    for name, lines in dwells.warnings:
         warn(name, lines)
-    output.say("\n".join(reduction_words(reduction.dwells)))
-    for recording in reduction.dwells.read:
-        (warn if reduction.noise is None else output.warn)(str(recording.path), left_out_words(recording))
-    if output.words and reduction.noise is not None:
-        print_reduction(reduction)
-    output.warn(source, unusual_words(reduction))
+    command.say(*reduction_lines(dwells))
+    for recording in dwells.read:
+        (warn if found.noise is None else command.warn)(recording.path, left_out_lines(recording))
+    if command.words and found.noise is not None:
+        print_table(Console(), mean_table(found))
+        command.say(*unusual_lines(found), *noise_lines(found))
+    command.warn(data.source, unusual_lines(found))
     if len(data) >= _FEWEST_SIZES:
-        warn(source, filter(None, [size_fault(data.readings), moving_fault(data)]))
-
-
-def _summary(reduction: "Reduction") -> str:
-    """Number of positions, and what is known of them."""
-    positions = counted(len(reduction.data), "position")
-    if reduction.noise is not None:
-        return f"{positions} of {sum(map(len, reduction.dwells.force))} samples"
-    return f"{positions}, {'attitudes unknown' if reduction.data.hand_held else 'angles known'}; standard uncertainties unknown"
+        warn(data.source, filter(None, [size_fault(data.readings), moving_fault(data)]))
+    known = f", {'attitudes unknown' if data.hand_held else 'angles known'}; standard uncertainties unknown"
+    samples = known if found.noise is None else f" of {sum(map(len, dwells.force))} samples"
+    command.say(f"{names_written(folder, _SET)}; {counted(len(data), 'position')}{samples}")

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.cli.options import EffectFiles, seed_in_range
-from tumblecal.cli.output import Quiet
-from tumblecal.ground.errors import InputError, one_line
+from tumblecal.cli.command import table_file
+from tumblecal.cli.options import EffectFiles, Quiet, Seed
+from tumblecal.ground.errors import one_line
 
 
 def simulate(
@@ -13,7 +13,7 @@ def simulate(
     /,
     *,
     out: Path,
-    seed: int = 0,
+    seed: Seed = 0,
     noise_sd: str | None = None,
     serial_number: str | None = None,
     effects: EffectFiles = (),
@@ -43,27 +43,18 @@ def simulate(
     start()
     from tumblecal.capture.capture_plan import read_plan
     from tumblecal.data import write_positions
-    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.effects import catalogue
     from tumblecal.effects.catalogue import read_rig_with_effects
-    from tumblecal.ground.atomic import writable_file
-    from tumblecal.ground.units import reading_sd
+    from tumblecal.ground.option_texts import sd_of_reading
     from tumblecal.simulation.next_measurement import simulated_after
     from tumblecal.simulation.position_means import simulated
 
-    protect_inputs([config, *effects, *([then] if then else [])], out=out)
-    seed_in_range(seed)
-    if out.suffix not in (".csv", ".parquet"):
-        raise InputError(f"{out}: must end in .csv or .parquet")
+    table_file(out, [config, *effects, then])
     rig = read_rig_with_effects(config, catalogue(*effects))
-    try:
-        stated = None if noise_sd is None else reading_sd(noise_sd, none=True)
-    except InputError as error:
-        raise InputError(f"--noise-sd: {error}") from error
+    stated = sd_of_reading("--noise-sd", noise_sd, zero=True)
     data = simulated(rig, seed, stated) if then is None else simulated_after(rig, read_plan(then), then, seed, stated)
     if serial_number:
         data = replace(data, comments=data.comments | {"serial_number": one_line(serial_number)})
-    writable_file(out)
     write_positions(out, data)
     after = f" after those of its plan, from {then}" if then else ""
     print(f"{out}: {len(data)} positions of {rig.title or config}{after}, seed {seed}")

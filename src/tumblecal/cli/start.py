@@ -14,16 +14,21 @@ from tumblecal.ground.precision import enable_float64
 _COLLECT_EVERY = 50_000
 
 
-def start(*, accelerator: bool = False) -> None:
+def start(*, accelerator: bool = False, one_thread: bool = False) -> None:
     """Set float64, one thread for linear algebra and short programs, one heap, and the cache of compiled programs.
 
     **Arguments:**
 
     - `accelerator`: whether JAX may use a GPU. Single fits and diagnoses are thousands of small programs, which a CPU runs
       and compiles many times faster. `JAX_PLATFORMS` overrides this.
+    - `one_thread`: whether XLA computes in one thread, too.
 
     A cache folder that cannot be used is reported and ignored.
     """
+    if one_thread:
+        from tumblecal.studies.threads import use_one_thread
+
+        use_one_thread()
     interrupts_kept()
     one_heap()
     # Before numpy is imported. For matrices of a hundred rows threads only wait for each other, at full load.

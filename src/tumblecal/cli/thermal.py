@@ -1,30 +1,23 @@
 """`tumblecal thermal`: calibration over temperature from recordings."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
-
-from tumblecal.cli.calibrate import NOT_USABLE
-from tumblecal.cli.options import NoiseSd
-from tumblecal.cli.output import Output, warn
+from tumblecal.cli.command import Command, results
+from tumblecal.cli.options import Context, NoiseSd, Positive, Recording, Rest, Texts, options
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 if TYPE_CHECKING:
-    from tumblecal.recordings.thermal.read_thermal import ThermalReading
     from tumblecal.thermal.choice import Stated
 
-_WRITTEN = ("calibration.json", "thermal.json", "bins.csv", "parameters.csv", "thermal.html")
+_SET = ("calibration.json", "thermal.json", "bins.csv", "parameters.csv", "thermal.html")
 # Names of leaves in options, and in the model.
 _LEAVES = {"bias": "bias", "scale": "dK", "orthogonality": "gamma", "mount": "dtheta"}
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class TemperatureOptions:
     """The dependence on temperature.
 
@@ -50,11 +43,37 @@ class TemperatureOptions:
     """
 
     order: str = ""
-    knots: tuple[str, ...] = ()
+    knots: Texts = ()
     reference: float | None = None
-    bin_width: float | None = None
-    same_attitude: Annotated[bool, Parameter(negative=())] = False
+    bin_width: Positive | None = None
+    same_attitude: bool = False
     calibration: Path | None = None
+
+    def stated(self) -> "Stated":
+        """What the options state.
+
+        **Raises:** `InputError` for an option that cannot be read.
+        """
+        from tumblecal.data.calibration import read_calibration
+        from tumblecal.ground.option_texts import numbers, pairs
+        from tumblecal.ground.temperature_functions import HIGHEST_ORDER
+        from tumblecal.thermal.choice import Stated
+
+        orders = pairs("--order", self.order, "bias=3,scale=1", _LEAVES)
+        knots = pairs("--knots", self.knots, "bias=0,20,40", _LEAVES)
+        if both := [leaf for leaf in knots if leaf in orders]:
+            raise InputError(f"--order and --knots both state {both[0]}; give one of them")
+        if wrong := {*orders.values()} - {*map(str, range(HIGHEST_ORDER + 1))}:
+            raise InputError(f"--order {self.order}: {min(wrong)!r} is not an order from 0 to {HIGHEST_ORDER}")
+        base = None if self.calibration is None else read_calibration(self.calibration)
+        if base is not None and self.calibration is not None:
+            base.use.require(self.calibration, anyway=False)
+        return Stated(
+            {_LEAVES[leaf]: int(order) for leaf, order in orders.items()},
+            {_LEAVES[leaf]: numbers(f"--knots {leaf}", text, "0,20,40") for leaf, text in knots.items()},
+            self.reference,
+            base,
+        )
 
 
 def thermal(
@@ -62,12 +81,12 @@ def thermal(
     /,
     *,
     temperature: TemperatureOptions = TemperatureOptions(),
-    context: Annotated[KnownContext, Parameter(name="*")] = KnownContext(),
-    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
-    criterion: Annotated[Criterion, Parameter(name="*")] = Criterion(),
+    context: Context = KnownContext(),
+    options: Recording = RecordingOptions(),
+    criterion: Rest = Criterion(),
     noise_sd: NoiseSd = None,
     out: Path = Path("thermal"),
-    output: Output = Output(),
+    command: Command = Command(),
 ) -> int:
     """Calibrate over temperature: bias, scale factor, non-orthogonality and mount as functions of temperature.
 
@@ -83,112 +102,38 @@ def thermal(
     out
         Output folder: calibration.json, thermal.html, thermal.json, bins.csv, parameters.csv. Example: --out unit17.
     """
-    from tumblecal.cli.start import start
+    command.begin()
+    from rich.console import Console
 
-    output.begin()
-    start()
-    from tumblecal.cli.model_options import stated_noise_sd
-    from tumblecal.data.overwriting import protect_inputs
-    from tumblecal.ground.atomic import output_folders
-    from tumblecal.ground.blas import single_blas_thread
-    from tumblecal.ground.result_set import result_set
+    from tumblecal.ground.option_texts import sd_of_reading
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.recordings.thermal.read_thermal import thermal_reading
-    from tumblecal.report.thermal_files import write_thermal
-    from tumblecal.report.thermal_page import write_thermal_page
+    from tumblecal.show.narrow import print_table
+    from tumblecal.show.recordings import grouped_lines
+    from tumblecal.show.thermal import value_tables, verdict_of_thermal, words_of_thermal, write_thermal_page
+    from tumblecal.show.verdict import verdict_lines
+    from tumblecal.thermal.record import write_thermal
     from tumblecal.thermal.result import thermal_calibration
 
-    stated, sd = _stated(temperature), stated_noise_sd(noise_sd, None)
+    stated, sd = temperature.stated(), sd_of_reading("--noise-sd", noise_sd)
     files = recording_files(recordings, [context.table, context.plan])
-    protect_inputs([*files, context.plan, context.table, temperature.calibration], folders=[out], names=_WRITTEN)
-    with single_blas_thread(), output.working("reading"):
-        reading = thermal_reading(
-            files,
-            context,
-            options,
-            criterion,
-            bin_degc=temperature.bin_width,
-            same_attitude=temperature.same_attitude,
-            noise_sd=sd,
+    with results(out, _SET, [*files, context.plan, context.table, temperature.calibration]) as aside:
+        with command.working("reading"):
+            width, same = temperature.bin_width, temperature.same_attitude
+            reading = thermal_reading(
+                files, context, options, criterion, bin_degc=width, same_attitude=same, noise_sd=sd
+            )
+        command.print_recordings(
+            reading.read, reading.warnings, grouped_lines(line.partition(": ")[::2] for line in reading.lines)
         )
-    _printed(output, reading)
-    with single_blas_thread(), output.working("fitting"):
-        result = thermal_calibration(reading.table, stated)
-    with output_folders([out]), result_set(out, _WRITTEN) as aside:
-        written = write_thermal(aside, result)
-        written += write_thermal_page(aside / "thermal.html", result)
-    if output.words:
-        from tumblecal.report.thermal_page import next_lines
-        from tumblecal.report.thermal_terminal import print_thermal
-
-        print_thermal(result)
-        output.say(f"written: {out}/: {', '.join(written)}")
-        if result.calibration.use.refused:
-            output.say("\n".join(next_lines(result, out)))
-    if result.calibration.use.refused:
-        output.warn(reading.table.source, [f"use: {result.calibration.use.words}"])
-    output.record(out / "thermal.json")
-    return NOT_USABLE if result.calibration.use.refused else 0
-
-
-def _printed(output: Output, reading: "ThermalReading") -> None:
-    """Print the layout, guesses and warnings of every source, then the branches and attitudes that were found."""
-    from tumblecal.report.recording_words import grouped_lines, layouts_words, left_out_words
-
-    if reading.read:
-        output.say("\n".join(layouts_words(reading.read)))
-    for recording in reading.read:
-        output.warn(str(recording.path), left_out_words(recording))
-    for source, lines in reading.warnings:
-        warn(source, lines)
-    output.say("\n".join(grouped_lines(reading.lines)))
-
-
-def _stated(temperature: TemperatureOptions) -> "Stated":
-    """What the options state.
-
-    **Raises:** `InputError` for an option that cannot be read.
-    """
-    from tumblecal.data.calibration import read_calibration
-    from tumblecal.thermal.choice import Stated
-
-    orders = {leaf: _order(text) for leaf, text in _assigned("--order", temperature.order).items()}
-    knots: dict[str, tuple[float, ...]] = {}
-    for given in temperature.knots:
-        leaf, _, numbers = given.partition("=")
-        knots[_leaf("--knots", leaf)] = _numbers(given, numbers)
-    if both := [leaf for leaf in knots if leaf in orders]:
-        raise InputError(f"--order and --knots both state {both[0]}; give one of them")
-    base = None
-    if temperature.calibration is not None:
-        base = read_calibration(temperature.calibration)
-        base.use.require(temperature.calibration, anyway=False)
-    return Stated(orders, knots, temperature.reference, base)
-
-
-def _assigned(option: str, text: str) -> Mapping[str, str]:
-    parts = [part.partition("=") for part in text.split(",") if part]
-    return {_leaf(option, name): value for name, _, value in parts}
-
-
-def _leaf(option: str, name: str) -> str:
-    if name.strip() not in _LEAVES:
-        raise InputError(f"{option}: no leaf {name.strip()!r}; leaves: {', '.join(_LEAVES)}")
-    return _LEAVES[name.strip()]
-
-
-def _order(text: str) -> int:
-    from tumblecal.ground.temperature_functions import HIGHEST_ORDER
-
-    if text.strip() not in [str(order) for order in range(HIGHEST_ORDER + 1)]:
-        raise InputError(
-            f"--order: {text.strip()!r} is not an order; write for example --order bias=3,scale=1 (0 to 5)"
-        )
-    return int(text)
-
-
-def _numbers(given: str, text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InputError(f"--knots {given}: write for example --knots bias=0,20,40 (degC)") from error
+        with command.working("fitting"):
+            result = thermal_calibration(reading.table, stated)
+        words = words_of_thermal(result, out)
+        verdict = verdict_of_thermal(result, words)
+        write_thermal(aside, result, verdict.words().splitlines())
+        write_thermal_page(aside / "thermal.html", result, words)
+    command.say("", *verdict_lines(verdict, command.columns))
+    for table in value_tables(result).values() if command.words else ():
+        print()
+        print_table(Console(), table)
+    return command.end(out, _SET, "thermal.json", result.calibration.use, reading.table.source)

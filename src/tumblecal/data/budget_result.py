@@ -11,7 +11,7 @@ from pydantic import AliasPath, Field, model_validator
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.coverage_factor import coverage_factors, effective_dof
-from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
+from tumblecal.data.sensor_parameters import SENSOR, UNITS, SensorParameters
 from tumblecal.ground.strict_json import Covariance, Finite, Record, Size, Text, read_record
 from tumblecal.ground.units import in_words
 from tumblecal.ground.units import shown as shown_unit
@@ -117,7 +117,7 @@ class BudgetResult:
         if not np.any(excess > 0):
             return ""
         worst = int(np.argmax(excess / np.maximum(larger, 1e-300)))
-        unit, factor = shown_unit(GROUPS[leaf_of(SENSOR[worst])][1])
+        unit, factor = shown_unit(UNITS[SENSOR[worst]])
         sizes = [in_words(f"{size * factor:.3g}", unit) for size in (budgeted[worst], calibrated[worst])]
         worst_u = f"u_A of {SENSOR[worst]}: {sizes[0]}, here {sizes[1]}"
         return f"computed with a different noise from that of the calibration ({worst_u})"

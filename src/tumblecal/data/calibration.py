@@ -112,6 +112,21 @@ class Calibration(Shown):
         """Corrections without a term in the file, with reason and size."""
         return not_applied(self.provenance)
 
+    def require_unit(self, path: Path, source: str, serial: str | None, *, other: bool) -> None:
+        """Reject readings of a different unit.
+
+        **Arguments:**
+
+        - `path`: of this calibration. `source`, `serial`: of the readings. `other`: whether the user insists.
+
+        **Raises:** `InputError`.
+        """
+        if self.serial_number and serial and serial != self.serial_number and not other:
+            raise InputError(
+                f"{source}: serial number {serial}, but {path} is of {self.serial_number}; give that unit's calibration, or "
+                "--other-unit to insist"
+            )
+
     def with_terms(self, terms: Sequence[Term]) -> "Calibration":
         """The calibration with these terms in place of its terms."""
         extra = {key: value for key, value in self.extra.items() if key != "terms"}

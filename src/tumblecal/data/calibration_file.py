@@ -129,6 +129,7 @@ class Provenance(Record):
     averaged_over: list[AveragedModel] = Field(default_factory=list)
     undetected_effects: list[Text] | None = None
     uncertainty_parts: dict[str, dict[str, Size]] | None = None
+    temperature_range_degc: Annotated[list[Finite], Field(min_length=2, max_length=2)] | None = None
 
 
 class CalibrationFile(Record):

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+from tumblecal.data.sensor_parameters import SENSOR, UNITS
 from tumblecal.ground.errors import InputError
 
 
-_UNITS = {name: GROUPS[leaf_of(name)][1] for name in SENSOR}
-_NAMED = {name: name if unit == "1" else f"{name}_{unit}" for name, unit in _UNITS.items()}
+_NAMED = {name: name if UNITS[name] == "1" else f"{name}_{UNITS[name]}" for name in SENSOR}
 # Names of the columns: `temperature_degc`, then `dK_x`, `u_dK_x`, ..., `bias_x_g`, `u_bias_x_g`, ..., `u_gamma_32_rad`.
 COLUMNS = ("temperature_degc", *(column for name in _NAMED.values() for column in (name, f"u_{name}")))
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.suggested_command import suggested
 
 
 CALIBRATION_KIND = "a calibration"
@@ -38,29 +37,18 @@ def kind_of(path: Path) -> str:
     return _KINDS.get(found[1], f"a file of the kind tumblecal.{found[1]}")
 
 
-def require_calibration_and_recording(command: str, calibration: Path, recording: Sequence[Path]) -> None:
-    """Reject a calibration in place of a recording, the other way round, and other files of tumblecal in place of both.
-
-    **Arguments:**
-
-    - `command`: with which the exchanged files can be given in the correct order.
+def require_calibration_and_recording(calibration: Path, recording: Sequence[Path]) -> None:
+    """Reject a calibration in place of a recording, and other files of tumblecal in place of both.
 
     **Raises:** `InputError` with one line.
     """
-    first, others = kind_of(calibration), {path: kind for path in recording if (kind := kind_of(path))}
-    swapped = [path for path, kind in others.items() if kind == CALIBRATION_KIND]
-    if first != CALIBRATION_KIND and len(swapped) == 1 and calibration.exists():
-        rest = [path for path in recording if path != swapped[0]]
-        command = suggested(command, swapped[0], calibration, *rest)
+    if (kind := kind_of(calibration)) not in ("", CALIBRATION_KIND):
         raise InputError(
-            f"{calibration} and {swapped[0]} are exchanged: the calibration is the first argument; run: {command}"
+            f"{calibration}: this is {kind}, not a calibration; give the calibration.json of calibrate, diagnose or thermal"
         )
-    if first and first != CALIBRATION_KIND:
-        raise InputError(
-            f"{calibration}: this is {first}, not a calibration; give the calibration.json of calibrate, diagnose or thermal"
-        )
-    for path, kind in others.items():
-        raise InputError(
-            f"{path}: this is {kind}, not a recording; give attitudes at rest: a log, a position file (positions.csv), or a "
-            "folder of tumblecal capture"
-        )
+    for path in recording:
+        if kind := kind_of(path):
+            raise InputError(
+                f"{path}: this is {kind}, not a recording; give the calibration first, then attitudes at rest: a log, a "
+                "position file (positions.csv), or a folder of tumblecal capture"
+            )

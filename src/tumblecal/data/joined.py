@@ -1,7 +1,7 @@
 """Several position sets of one triad on one dividing head, joined into one."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def with_separate_runs(sets: Sequence[PositionSet]) -> list[PositionSet]:
     named: list[PositionSet] = []
     for given, name, by_mount in zip(sets, _called(sets), alone, strict=True):
         if given.run is None and not by_mount:
-            label = _unused(name, used)
+            label = unused(name, used)
             used.add(label)
             given = replace(given, run=(label,) * len(given))
         named.append(given)
@@ -42,13 +42,13 @@ def _called(sets: Sequence[PositionSet]) -> list[str]:
     names = names if len(set(names)) == len(names) else [Path(given.source).absolute().parent.name for given in sets]
     called: list[str] = []
     for name in names:
-        called.append(_unused(name, set(called)))
+        called.append(unused(name, called))
     return called
 
 
-def _unused(name: str, used: set[str]) -> str:
+def unused(name: str, used: Collection[str], joint: str = " ") -> str:
     """The name, with the first number that makes it different from the used ones."""
-    candidates = (name, *(f"{name} {k}" for k in range(2, len(used) + 3)))
+    candidates = (name, *(f"{name}{joint}{k}" for k in range(2, len(used) + 3)))
     return next(candidate for candidate in candidates if candidate not in used)
 
 

@@ -16,8 +16,9 @@ from jaxtyping import Float
 
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.clocks import continued_times
+from tumblecal.ground.counted import duration
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.units import quantity
+from tumblecal.ground.option_texts import size
 
 
 # Comments: the date (ISO 8601) at which time_s was zero, and the rate of time_s relative to that clock (for emulators).
@@ -111,16 +112,8 @@ def _stated(pauses: Sequence[str], boundaries: int) -> list[float | str | None]:
         )
     read: list[float | str | None] = []
     for text in pauses:
-        if text in (UNKNOWN_PAUSE, ONE_CLOCK):
-            read.append(text)
-            continue
-        try:
-            seconds = quantity(text, "s")
-        except InputError as fault:
-            raise InputError(f"--pause {fault}; or {UNKNOWN_PAUSE}, or {ONE_CLOCK} (one clock for all files)") from None
-        if seconds < 0:
-            raise InputError(f"--pause {text}: must not be below 0")
-        read.append(seconds)
+        word = text in (UNKNOWN_PAUSE, ONE_CLOCK)
+        read.append(text if word else size(f"--pause (a time, {UNKNOWN_PAUSE} or {ONE_CLOCK})", text, "s", zero=True))
     return read * boundaries if len(read) == 1 else read or [None] * boundaries
 
 
@@ -190,13 +183,6 @@ def _in_words(before: PositionSet, after: PositionSet, moved: np.ndarray | None,
         )
     gap = float(moved.min() - last.max())
     if gap < 0:
-        return f"{second} begins {_duration(-gap)} before the end of {first} ({how}; --pause unknown if that is wrong)."
+        return f"{second} begins {duration(-gap)} before the end of {first} ({how}; --pause unknown if that is wrong)."
     override = "" if how == "stated" else "; --pause unknown if each file has a separate clock"
-    return f"Pause between {first} and {second}: {_duration(gap)} ({how}{override})."
-
-
-def _duration(seconds: float) -> str:
-    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:.3g} s"
+    return f"Pause between {first} and {second}: {duration(gap)} ({how}{override})."

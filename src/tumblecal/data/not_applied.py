@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import ConfigDict
 
 from tumblecal.ground.strict_json import Finite, Text
+
+
+if TYPE_CHECKING:
+    from tumblecal.data.calibration import Calibration
 
 
 # The keys of `provenance`: the ids alone, and ids with reason and size.
@@ -55,6 +59,11 @@ def losses_words(losses: Sequence[NotApplied], *, reasons: bool = True) -> list[
     if not reasons:
         return [f"{_LACKING}: {', '.join([loss.brief for loss in losses])}"] if losses else []
     return [f"{_LACKING}: {loss.words}" for loss in losses]
+
+
+def use_lines(calibration: "Calibration") -> list[str]:
+    """The permitted use of a calibration, and its omitted corrections, a line each."""
+    return [f"use: {calibration.use.words}", *losses_words(calibration.not_applied)]
 
 
 def not_applied(provenance: Mapping[str, Any]) -> list[NotApplied]:

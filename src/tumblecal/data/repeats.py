@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from tumblecal.data import PositionSet
 from tumblecal.data.gravity_size import moving_fault, reduce_command
+from tumblecal.ground.counted import duration
 from tumblecal.ground.errors import InputError
 
 
@@ -109,14 +110,7 @@ def copied_positions(data: PositionSet) -> list[tuple[str, str]]:
 def cost(rows: int) -> str:
     """Approximate cost of a diagnosis of this many positions, in words."""
     seconds, gib = _SECONDS * (rows / 1000) ** 2, _GIB_FIXED + _GIB * (rows / 1000) ** 2
-    time = (
-        f"{seconds:.0f} s"
-        if seconds < 120
-        else f"{seconds / 60:.0f} min"
-        if seconds < 7200
-        else f"{seconds / 3600:.0f} h"
-    )
-    return f"about {time} and {gib:.0f} GiB of memory"
+    return f"about {duration(seconds)} and {gib:.0f} GiB of memory"
 
 
 def _groups(data: PositionSet, means: int) -> list[Int[np.ndarray, " rows"]]:

@@ -6,8 +6,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AliasPath, Field
 
 from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_json import Finite, Flag, Record, Text, read_record
+from tumblecal.ground.json_file import read_json
+from tumblecal.ground.strict_json import Finite, Flag, Record, Size, Text, read_record, validated
 
 
 RESULT, DIAGNOSIS, CHECK = "result.json", "diagnosis.json", "check.json"
@@ -91,6 +93,26 @@ class CheckFile(Record):
     def outcome(self) -> str:
         """Verdict, and the parameters that changed."""
         return self.verdict + (f": {', '.join(self.changed)}" if self.changed else "")
+
+
+class NoiseOfAxis(Record):
+    """Noise coefficients of an axis in `reduction.json`."""
+
+    white_g_per_rthz: Size
+    walk_g_per_rts: Size
+
+
+def noise_of_reduction(path: Path) -> tuple[dict[str, float], ...]:
+    """The noise coefficients of the axes in a `reduction.json`.
+
+    **Raises:** `InputError` for a file that is not a reduction.
+    """
+    axes = read_json(path)
+    try:
+        stated = [axes["axes"][axis]["noise"] for axis in AXES]
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path}: no noise of three axes; give the reduction.json of tumblecal reduce") from error
+    return tuple(vars(noise) for noise in validated(stated, list[NoiseOfAxis], str(path), "noise"))
 
 
 def result_of(file: Path, calibration: Calibration) -> tuple[Path, ResultFile | DiagnosisFile] | None:

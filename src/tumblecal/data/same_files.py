@@ -13,10 +13,10 @@ def identity(path: Path) -> tuple[int, int]:
     return status.st_dev, status.st_ino
 
 
-def given_once(files: Sequence[Path]) -> list[str]:
+def given_once(files: Sequence[Path]) -> dict[Path, str]:
     """Check that no file is given twice, also under different names; a missing file is ignored here.
 
-    **Returns:** words on each file with the same contents as another.
+    **Returns:** files with the same contents as another, with words.
 
     **Raises:** `InputError` naming both names of a file.
     """
@@ -30,10 +30,10 @@ def given_once(files: Sequence[Path]) -> list[str]:
                 for path, before in twice
             ]
         )
-    return [
-        f"{path}: same contents as {before}, so these positions are used twice; remove one of these files"
+    return {
+        path: f"same contents as {before}, so these positions are used twice; remove one of these files"
         for path, before in _copies(existing)
-    ]
+    }
 
 
 def _copies(files: Iterable[Path]) -> list[tuple[Path, Path]]:

@@ -21,6 +21,8 @@ MOUNT = tuple(f"dtheta_{axis}" for axis in AXES)
 # Words for the parameters of a leaf, and their unit.
 GROUPS = {"dK": ("scale factors", "1"), "bias": ("biases", "g"), "gamma": ("non-orthogonality", "rad")}
 GROUPS |= {"dtheta": ("mount", "rad")}
+# Units of the parameters of the sensor and of their leaves.
+UNITS = {name: GROUPS[name.partition("_")[0]][1] for name in ("dK", "bias", "gamma", *SENSOR)}
 # Central differences: exact to about 1e-10 of the derivative.
 _STEP = 1e-6
 

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import faults_of
 from tumblecal.ground.strict_json import LISTED, Covariance, Finite, Record, Shape, Size, Text, one_of
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
 
@@ -89,13 +90,11 @@ class StatedTemperature(Record):
 
     def _curve(self, number: int) -> Curve:
         stated, (low, high) = self.curves[number], self.range_degc
-        try:
+        with faults_of(f"curves.{number}"):
             functions = TemperatureFunctions(stated.order, self.reference_degc, (low, high), tuple(stated.knots_degc))
             curve = Curve(stated.parameter, functions, stated.coefficients)
             if tuple(stated.units) != curve.units:
                 raise InputError(f"{stated.parameter}: the units must be {', '.join(curve.units)}")
-        except InputError as error:
-            raise InputError(f"curves.{number}: {error}") from error
         return curve
 
 

@@ -56,6 +56,11 @@ class Evaluated:
             return float("inf")
         return float(np.sqrt(np.mean(self.in_use**2)))
 
+    @property
+    def in_use_largest(self) -> float:
+        """The largest one, g; infinite if a parameter is not determined."""
+        return float("inf") if self.uncertainties.undetermined else float(np.max(self.in_use))
+
 
 @dataclass(frozen=True)
 class Candidates:

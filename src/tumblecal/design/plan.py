@@ -3,12 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
+from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.design.candidates import Candidates, Evaluated
 from tumblecal.design.common_plans import Positions, common_plans
 from tumblecal.design.criteria.criterion import Criterion
@@ -77,6 +80,30 @@ class DesignedPlan:
         """Parameters that the plan determines."""
         names = self.after.uncertainties.names
         return tuple(name for name in names if name not in self.after.uncertainties.undetermined)
+
+    @cached_property
+    def positions(self) -> list[dict[str, Any]]:
+        """Name, angles, mounting and temperature of each position, in measuring order, as in files."""
+        degc, cells = self.cells.temperature_degc, self.cells
+        columns = {"name": self.names, "alpha_deg": cells.alpha_deg, "beta_deg": cells.beta_deg, "mount": cells.mounts}
+        columns |= {} if degc is None else {"temperature_degc": degc}
+        listed = [np.round(each, 9).tolist() if isinstance(each, np.ndarray) else each for each in columns.values()]
+        return [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
+
+    @property
+    def parameters(self) -> list[tuple[str, str, float, float]]:
+        """Name, base unit, and standard uncertainty without and with the plan, of each shared parameter."""
+        before, after = self.before.uncertainties.sd.tolist(), self.after.uncertainties
+        units = [unit_of_parameter(name, UNIT_OF_LEAF) or "1" for name in after.names]
+        return list(zip(after.names, units, before, after.sd.tolist(), strict=True))
+
+    def ratio(self, other: Evaluated) -> float:
+        """The largest standard uncertainty of another plan, relative to that of this plan."""
+        largest = []
+        for each in (other, self.after):
+            name, u = each.worst(self.determined)
+            largest.append(u / self.after.uncertainties.scales[self.after.uncertainties.names.index(name)])
+        return float(largest[0] / largest[1])
 
     @property
     def minutes(self) -> float:

@@ -26,6 +26,7 @@ from tumblecal.design.positions.exchange import exchange
 from tumblecal.design.wanted import COVARIANCE, Wanted
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import faults_of
 
 
 # Numbers of positions, or minutes, of further plans of the trade-off, relative to those of the plan.
@@ -77,10 +78,8 @@ class Search:
             "in_use": lambda: in_use(candidates.use, "average"),
             "in_use_largest": lambda: in_use(candidates.use, "largest"),
         }
-        try:
+        with faults_of(rig.source):
             criteria = {name: builders[name]() for name in COVARIANCE if name in wanted.criteria}
-        except InputError as error:
-            raise InputError(f"{rig.source}: {error}") from error
         factories = {name: measures(model, each) for name, each in criteria.items()}
         minutes = wanted.minutes or 60.0
         if "naming" in wanted.criteria:

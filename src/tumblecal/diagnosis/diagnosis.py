@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -12,6 +13,7 @@ from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings import residuals
 from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.findings.effect_directions import EffectDirections, effect_directions
@@ -130,7 +132,7 @@ class Diagnosis(Pickled, Shown):
     @cached_property
     def calibration(self) -> Calibration | None:
         """Contents of `calibration.json`; None if no calibration is written."""
-        return of_report("diagnosis_calibration.extended_calibration")(self)
+        return of_report("lab.diagnosed.extended_calibration")(self)
 
     @cached_property
     def unnamed(self) -> Unnamed | None:
@@ -190,6 +192,17 @@ class Diagnosis(Pickled, Shown):
     def members(self) -> tuple[Cause, ...]:
         """Causes of the leading explanation."""
         return self.screened.members
+
+    @property
+    def unexplained_terms(self) -> list[str]:
+        """The variables that each unexplained part depends on, in words: of a generic term, or of the lack-of-fit test."""
+        terms = [member.words for member in self.members if member.label == UNEXPLAINED]
+        return [self.screened.unexplained_by_repeats] if self.best.unexplained and not terms else terms
+
+    def leading(self, least: float, most: int) -> list[Explanation]:
+        """Explanations more probable than `least`, and the one acted on; the first `most` of them."""
+        listed = (one for one in self.screened.explanations if one.more_probable_than(least) or one is self.best)
+        return list(islice(listed, most))
 
     @property
     def noise_labels(self) -> tuple[str, ...]:

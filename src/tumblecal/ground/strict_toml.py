@@ -2,17 +2,19 @@
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from json.encoder import encode_basestring
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import LARGEST_SEED, sizes
 from tumblecal.ground.plain_text import controls_in
 from tumblecal.ground.text_file import read_text
 from tumblecal.ground.toml_faults import located, validation_faults
+from tumblecal.ground.units import quantity, reading_sd
 
 
 class Strict(BaseModel):
@@ -41,10 +43,45 @@ Numbers = Annotated[
     Annotated[Number, Tag("number")] | Annotated[list[Number], Tag("list")],
     Discriminator(lambda given: "list" if isinstance(given, list) else "number"),
 ]
+
+
+def _in_unit(read: Callable[[str], float]) -> BeforeValidator:
+    """A text such as `0.1 mg` as a number that is not below 0."""
+
+    def number(text: object) -> float:
+        if not isinstance(text, str):
+            raise ValueError("must be a text in quotation marks")
+        if (value := read(text)) < 0:
+            raise ValueError(f"{text!r} must not be below 0")
+        return value
+
+    return BeforeValidator(number)
+
+
+# Sizes with their unit in a text, in base units: an angle, an acceleration, its rate, a time, a frequency; the standard
+# deviation of a reading.
+Angle = Annotated[float, _in_unit(lambda text: quantity(text, "rad"))]
+Force = Annotated[float, _in_unit(lambda text: quantity(text, "g"))]
+ForceRate = Annotated[float, _in_unit(lambda text: quantity(text, "g/h"))]
+Seconds = Annotated[float, _in_unit(lambda text: quantity(text, "s"))]
+Hertz = Annotated[float, _in_unit(lambda text: quantity(text, "Hz"))]
+Sd = Annotated[float, _in_unit(reading_sd)]
+SdOrNone = Annotated[float, _in_unit(lambda text: reading_sd(text, none=True))]
+
+
+def sizes_by_name(units: Mapping[str, str] | Callable[[str], str], *, zero: bool = False) -> BeforeValidator:
+    """A table of sizes with their unit in a text, in base units; `zero`: whether a size may be 0."""
+
+    def read(given: object) -> dict[str, float]:
+        if not isinstance(given, Mapping) or not all(isinstance(text, str) for text in given.values()):
+            raise ValueError("must be a table of texts in quotation marks")
+        return sizes("", given, units, zero=zero)
+
+    return BeforeValidator(read)
+
+
 # A label or title, which is one line of other files.
 Line = Annotated[str, AfterValidator(_printable)]
-# Seeds of random numbers have 64 bits.
-LARGEST_SEED = 2**63 - 1
 Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
 
 Table = TypeVar("Table", bound=BaseModel)
@@ -110,8 +147,9 @@ def toml_table(name: str, values: Mapping[str, object]) -> list[str]:
 
 
 def toml_lines(content: Mapping[str, object], above: str = "") -> list[str]:
-    """The lines of a document: values first, then its tables, and arrays of tables, by their names after `above`."""
-    values = {name: value for name, value in content.items() if not _has_tables(value)}
+    """The lines of a document: values first, then its tables, and arrays of tables, by their names after `above`. Values of
+    None are omitted."""
+    values = {name: value for name, value in content.items() if value is not None and not _has_tables(value)}
     lines = [f"{_key(name)} = {_toml(value)}" for name, value in values.items()]
     lines = [*([f"[{above}]"] if above and (lines or not content) else []), *lines, *([""] if lines else [])]
     for name, value in content.items():

@@ -36,9 +36,14 @@ SHARED = {
     "reduce": (*_RECORDING, "--gravity", "--run", "--mount"),
     "import": (*_RECORDING, "--gravity"),
     "apply": _RECORDING,
-    "check": (*_RECORDING, "--gravity", "--run", "--mount", "--rig", "--prior", "--noise-sd"),
+    "check": (
+        *(*_RECORDING, "--gravity", "--run", "--mount", "--rig", "--prior", "--noise-sd"),
+        *("--plan", "--table", "--by", "--u-gravity", "--repeatability"),
+    ),
     "capture": ("--port", "--wait"),
 }
+# Options without a value.
+_FLAGS = {"check": ("--static", "--means", "--other-unit", "--extrapolate", "--use-anyway")}
 _OF_RECORDINGS = ("reduce", "import", "apply", "check")
 
 
@@ -62,6 +67,7 @@ def suggested(command: str, *words: object, less: Collection[str] = ()) -> str:
             value = _of_samples(value)
         if option in accepted and value:
             given += [f"{option}={value}"] if value.startswith("-") else [option, value]
+    given += [flag for flag in _FLAGS.get(command, ()) if states(flag) and flag not in given]
     return shlex.join(["tumblecal", command, *given])
 
 

@@ -31,6 +31,17 @@ from tumblecal.history.entry import USE, WHEN, Entry
 KINDS = {RESULT: "calibration", DIAGNOSIS: "diagnosis", CHECK: "check"}
 
 
+def entries_of(folder: Path) -> list[Entry]:
+    """The entries of all results in an output folder.
+
+    **Raises:** `InputError` for a folder without results.
+    """
+    kinds = [kind for name, kind in KINDS.items() if (folder / name).is_file()]
+    if not kinds:
+        raise InputError(f"{folder}: no {' or '.join(KINDS)}; give an output folder of calibrate, diagnose or check")
+    return [of_folder(folder, kind) for kind in kinds]
+
+
 def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
     """The entry of an output folder of calibrate or diagnose.
 

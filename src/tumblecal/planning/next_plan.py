@@ -97,6 +97,16 @@ class NextPlan:
         """Number of positions of the set."""
         return sum(len(position.turn_deg) or 1 for position in self.together)
 
+    @property
+    def settings(self) -> dict[tuple[str, float], list[float]]:
+        """Spindle angles of the set by mounting and pitch setting, without directions of a hand-held set."""
+        settings: dict[tuple[str, float], list[float]] = {}
+        for position in sorted(self.together, key=lambda position: position.mount):
+            if not position.direction:
+                angles = position.turn_deg or (position.alpha_deg,)
+                settings.setdefault((position.mount, position.beta_deg), []).extend(angles)
+        return settings
+
 
 def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     """The most useful positions to measure next; for a hand-held set directions that improve its weakest parameters.

@@ -17,6 +17,8 @@ _SLOW_STEPS_S = np.array([1, 2, 3, 4, 5, 6, 10, 12, 15, 20, 30, 60, 100, 120])
 # Numbers of a clock that counts from 1970, between 2001 and 2100.
 _EPOCH_S = (1e9, 4.2e9)
 _MOST_OTHER, _MOST_BACK = 0.2, 0.01
+# Share of the steps of a regular clock that are within a quarter of the usual one.
+_REGULAR = 0.8
 DAY_S = 86400
 # A longer step of time, or one backwards, is a gap: no interval extends across it.
 LONGEST_STEP_S = 0.5
@@ -71,6 +73,12 @@ def rises(times: NDArray[np.float64]) -> bool:
     """Whether numbers may be times: they increase, but for a few rows."""
     steps = np.diff(times[np.isfinite(times)])
     return bool((steps > 0).any()) and float(np.mean(steps < 0)) <= _MOST_BACK
+
+
+def regular(steps: NDArray[np.float64]) -> bool:
+    """Whether the steps of a clock are equal, but for some of them."""
+    usual = np.median(steps) if len(steps) else 0.0
+    return bool(usual > 0 and np.mean(np.abs(steps - usual) < usual / 4) > _REGULAR)
 
 
 def overflows(times: NDArray[np.float64]) -> bool:

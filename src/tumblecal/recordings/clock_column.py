@@ -1,5 +1,6 @@
 """The column of the clock of a recording, by its name or its dates, with its form and unit."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -9,7 +10,17 @@ import polars as pl
 from tumblecal.data.column_names import parsed, role_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
-from tumblecal.recordings.clock import DAY_S, FORMS, TIME_S, form_of, overflows, rises, seconds_of, unit_of_times
+from tumblecal.recordings.clock import (
+    DAY_S,
+    FORMS,
+    TIME_S,
+    form_of,
+    overflows,
+    regular,
+    rises,
+    seconds_of,
+    unit_of_times,
+)
 from tumblecal.recordings.columns import Column, stated_rate
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
@@ -18,14 +29,20 @@ from tumblecal.recordings.table import Table
 _CELLS, _CLOCK_ROWS = 100, 1000
 
 
-def clock_among(first: pl.DataFrame, free: Sequence[str]) -> Column | None:
-    """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words; then
-    any column with dates."""
-    named = sorted((name for name in free if role_of(name)[0] == "time"), key=lambda name: parsed(name).foreign)
-    numbers = {name: Column(name).numbers(first) for name in named}
-    dated = [name for name in free if first[name].dtype.is_temporal() or form_of(_texts(first[name].head(_CELLS)))]
+def clock_among(first: pl.DataFrame, free: Sequence[str], notes: list[str]) -> Column | None:
+    """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words, then
+    one with regular steps; then any column with dates. `notes`: gets the next one."""
+    forms = {name: form_of(_texts(first[name].head(_CELLS))) for name in free}
+    dated = [name for name in free if forms[name] or first[name].dtype.is_temporal()]
+    named = [name for name in free if role_of(name)[0] == "time"]
+    numbers = {name: Column(name, form=forms[name]).numbers(first) for name in named}
+
+    def order(name: str) -> tuple[bool, int, bool]:
+        steps = np.diff(numbers[name][np.isfinite(numbers[name])])
+        return not (parsed(name).unit or name in dated), parsed(name).foreign, not regular(steps)
+
+    named.sort(key=order)
     usable = [name for name in named if name in dated or (rises(numbers[name]) and not overflows(numbers[name]))]
-    usable.sort(key=lambda name: not (parsed(name).unit or name in dated))
     # Whole seconds in one column, and their fraction in ms, us or ns in another.
     scales = {name: TIME_S.get(parsed(name).unit, 0.0) for name in named if np.isfinite(numbers[name]).any()}
     whole = [name for name, scale in scales.items() if scale == 1 and not (numbers[name] % 1 > 0).any()]
@@ -34,7 +51,10 @@ def clock_among(first: pl.DataFrame, free: Sequence[str]) -> Column | None:
         if 0 < scale < 1 and 0 <= np.nanmin(numbers[name]) < np.nanmax(numbers[name]) < 1 / scale
     ]  # fmt: skip
     if whole and parts and {*usable} <= {whole[0], parts[0]}:
-        return Column(parts[0], "s", "name", scales[parts[0]], whole=whole[0])
+        return Column(parts[0], "s", "name", scale=scales[parts[0]], whole=whole[0])
+    for other in usable[1:2]:
+        option = shlex.quote(f"time={other}")
+        notes.append(f"clock: {usable[0]}, not {other}; to override: --columns {option}")
     found = usable or named or dated
     return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 
@@ -96,5 +116,5 @@ def clock_with_unit(
     given = options.time_unit or column.unit
     unit, note = unit_of_times(times, name, given, options.rate or stated_rate(table), path)
     notes += [note] * bool(note)
-    why = f"{column.why}; unit: {'the rate that it gives' if note else 'file'}"
-    return replace(column, unit="s", scale=TIME_S[unit], why=why) if unit else None
+    why = "the rate that it gives" if note else "file"
+    return replace(column, unit="s", scale=TIME_S[unit], unit_why=why) if unit else None

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.column_names import FORCE, QUANTITIES, RATE, exact_role, role_of
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import pairs
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.clock import seconds_of
 from tumblecal.recordings.options import RecordingOptions
@@ -32,7 +33,8 @@ class Column:
 
     **Arguments:**
 
-    - `name`: in the source. `why`: the evidence for it. `form`: of times written as text; `offset` is then the first day.
+    - `name`: in the source. `why`: the evidence for it. `unit_why`: that for its unit; empty before units are known.
+    - `form`: of times written as text; `offset` is then the first day.
     - `whole`: the column of the whole seconds of a clock whose fractions are in `name`.
     - `bits`: of numbers of which negative ones are written as unsigned ones; 0 for others.
     """
@@ -40,11 +42,17 @@ class Column:
     name: str
     unit: str = ""
     why: str = ""
+    unit_why: str = ""
     scale: float = 1.0
     offset: float = 0.0
     form: str = ""
     whole: str = ""
     bits: int = 0
+
+    @property
+    def evidence(self) -> str:
+        """The evidence for the column and its unit, in words."""
+        return "; unit: ".join(filter(None, (self.why, self.unit_why)))
 
     def reading(self) -> pl.Expr:
         """The readings, or the seconds of a clock; null for a cell that is no number."""
@@ -90,7 +98,7 @@ def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
     """
     columns: dict[str, Column] = {}
     names = table.columns
-    for role, given in pairs(options.columns, "--columns").items():
+    for role, given in pairs("--columns", options.columns, "ax=AccX,ay=AccY,az=AccZ").items():
         quantity, unit = exact_role(role) or ("", "")
         by_number = given.isdecimal() and given not in names and 1 <= int(given) <= len(names)
         name = names[int(given) - 1] if by_number else given
@@ -108,19 +116,6 @@ def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
         if role and name in names and name not in used:
             columns.setdefault(role, Column(name, unit, "format"))
     return columns
-
-
-def pairs(text: str, option: str) -> dict[str, str]:
-    """The pairs of an option, `ax=AccX,ay=AccY`.
-
-    **Raises:** `InputError` for other text.
-    """
-    found: dict[str, str] = {}
-    for part in filter(None, text.split(",")):
-        key, _, value = (word.strip() for word in part.partition("="))
-        if not value or found.setdefault(key, value) != value:
-            raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ, with each key once")
-    return found
 
 
 def stated_rate(table: Table) -> float | None:

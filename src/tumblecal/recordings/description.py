@@ -72,7 +72,7 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, object]]:
         )
     for name, (role, unit) in units.items():
         if unit:
-            items[name] = AS_OPTION.get(unit, unit), layout.columns[role].why.partition("; unit: ")[2] or "file"
+            items[name] = AS_OPTION.get(unit, unit), layout.columns[role].unit_why or "file"
     if recording.rate_hz and not clock:
         items["rate"] = recording.rate_hz, "file"
     given = {name: value for name, value in asdict(recording.options).items() if value and name != "columns"}

@@ -11,10 +11,11 @@ from tumblecal.data.cells import advice
 from tumblecal.data.column_names import FORCE, NUMBERS, RATE, parsed, role_of
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import pairs
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
 from tumblecal.recordings.clock_column import clock_among, clock_with_unit, letters_t
-from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, is_number, pairs
+from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, is_number
 from tumblecal.recordings.guesses import question
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
@@ -52,7 +53,7 @@ def layout_of(
     if not {*FORCE} & {*columns}:
         columns |= chosen(table.columns, {column.name for column in columns.values()}, readings, notes, path)
     columns |= _singles(columns, free())
-    if "time" not in columns and (clock := clock_among(first, free())):
+    if "time" not in columns and (clock := clock_among(first, free(), notes)):
         columns["time"] = clock
     columns |= letters_t(first, columns, free(), notes)
     if lacking := [role for role in FORCE if role not in columns]:
@@ -97,15 +98,17 @@ def _readable(
     **Raises:** `InputError` for accelerations, angles, and columns named by an option, without any number.
     """
     found = dict(columns)
-    for role in (*FORCE, *RATE, "temperature", *NUMBERS):
-        if role not in columns or np.isfinite(columns[role].numbers(first)).any():
-            continue
+    checked = [role for role in (*FORCE, *RATE, "temperature", *NUMBERS) if role in columns]
+    empty = [role for role in checked if not np.isfinite(columns[role].numbers(first)).any()]
+    for role in empty:
         name = columns[role].name
         texts = first.select(pl.col(name).cast(pl.String).str.strip_chars(), row=ROW if ROW in first.columns else None)
-        texts = texts.filter(pl.col(name) != "").head(1) if not first[name].dtype.is_numeric() else texts.head(0)
+        texts = texts.filter(~pl.col(name).is_in(["", "NaN"]))
         cell, row = texts.row(0) if len(texts) else ("", None)
-        place = f"{table.row_word} {row}, " if row else ""
-        words = f"{place}column {name}: {f'{shown(cell)}: no number' if cell else 'every cell is empty or NaN'}"
+        place = f"{table.row_word}s {row} to {texts.row(-1)[1]}, " if row else ""
+        alike = [columns[axis].name for axis in FORCE if axis in empty] if role in FORCE else [name]
+        what = f"{shown(cell)}: no number" if cell else "every cell is empty or NaN"
+        words = f"{place}column{'s'[: len(alike) - 1]} {', '.join(alike)}: {what}"
         if role in FORCE or columns[role].why == "option" or (cell and role in NUMBERS):
             comma = re.fullmatch(r"[+-]?\d*,\d+(e[+-]?\d+)?", cell, re.IGNORECASE)
             cure = "its comma may be decimal: --decimal comma" if comma else f"{advice(cell, role)}, or give --columns"
@@ -121,7 +124,9 @@ def _scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[st
     for role in filter(found.__contains__, (*FORCE, *RATE)):
         found[role] = replace(found[role], bits=options.signed or 0)
     for option, text in (("scale", options.scale), ("offset", options.offset)):
-        given = pairs(text, f"--{option}") if "=" in text else dict.fromkeys(FORCE, text) if text else {}
+        given = (
+            pairs(f"--{option}", text, "ax=0.5,ay=0.4") if "=" in text else dict.fromkeys(FORCE, text) if text else {}
+        )
         for role, number in given.items():
             value = float(number) if is_number(number) else np.nan
             if role not in found:

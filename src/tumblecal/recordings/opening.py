@@ -10,7 +10,8 @@ import polars as pl
 
 from tumblecal.data.column_names import FORCE, parsed
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.columns import given_columns, pairs
+from tumblecal.ground.option_texts import pairs
+from tumblecal.recordings.columns import given_columns
 from tumblecal.recordings.damage import Damage
 from tumblecal.recordings.description import described
 from tumblecal.recordings.formats import tables_of
@@ -23,7 +24,7 @@ from tumblecal.recordings.table import Table
 
 
 _SENSOR_WORD = re.compile("sensor|id|device|imu|node|channel|unit|address|addr|mac|tag|name|source|kind|type")
-_MOST_SENSORS = 16
+_MOST_SENSORS, _MOST_IN_TURN = 16, 100
 
 
 def opened(
@@ -93,7 +94,7 @@ def _chosen(path: Path, tables: Sequence[Table], options: RecordingOptions) -> T
 def _has_force(table: Table, options: RecordingOptions) -> bool:
     """Whether a table has accelerations by option, by its format or by name."""
     stated = {role.partition("_")[0] for role in table.roles.values()}
-    given = {*pairs(options.columns, "--columns")} if len(table.columns) > 2 else set[str]()
+    given = {*pairs("--columns", options.columns, "ax=AccX,ay=AccY,az=AccZ")} if len(table.columns) > 2 else set[str]()
     names = [parsed(column) for column in table.columns]
     axes = {name.axis for name in names if name.quantity == "acceleration" and name.axis}
     return {*FORCE} <= stated or {*FORCE} <= given or len(axes) > 2
@@ -101,7 +102,7 @@ def _has_force(table: Table, options: RecordingOptions) -> bool:
 
 def _of_sensor(path: Path, table: Table, options: RecordingOptions) -> Table:
     """The rows of one sensor of a table, by the option `--rows`."""
-    name, value = next(iter(pairs(options.rows, "--rows").items()))
+    name, value = next(iter(pairs("--rows", options.rows, "sensor=1").items()))
     if name not in table.columns:
         raise InputError(f"{path}: --rows {options.rows}: no such column; the table has {', '.join(table.columns)}")
     text = pl.col(name).cast(pl.String).str.strip_chars()
@@ -121,10 +122,13 @@ def _ask_for_sensor(table: Table, first: pl.DataFrame, path: Path, options: Reco
     """
     used = {column.name for column in given_columns(table, options).values()}
     for name in table.columns:
-        if name in used or not any(map(_SENSOR_WORD.fullmatch, parsed(name).stem)):
+        meaning = parsed(name)
+        if name in used or meaning.quantity not in ("", "other") or not any(map(_SENSOR_WORD.fullmatch, meaning.stem)):
             continue
         cells = first[name].cast(pl.String).drop_nulls()
         values = cells.unique(maintain_order=True)
-        if 2 <= len(values) <= _MOST_SENSORS and (cells != cells.shift(1)).sum() > 2 * len(values):
+        # Sensors alternate; a label of what the sensor does changes rarely.
+        rarely = max(2 * len(values), len(cells) / _MOST_IN_TURN)
+        if 2 <= len(values) <= _MOST_SENSORS and (cells != cells.shift(1)).sum() > rarely:
             words = f"column {name} has {len(values)} values in turn: rows of several sensors; select one"
             raise question(path, words, [f"--rows {shlex.quote(f'{name}={value}')}" for value in values])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.decoding.sample_table import write_frames
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.ground.atomic import scratch_folder
-from tumblecal.recordings.clock import DAY_S, LONGEST_STEP_S
+from tumblecal.recordings.clock import DAY_S, LONGEST_STEP_S, regular
 from tumblecal.recordings.columns import stated_rate
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.opening import opened
@@ -21,8 +21,8 @@ from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.rows import WHOLE, left_out, sample_frames, schema_of
 
 
-# Share of the steps of a regular clock that are within a quarter of the usual one; rows of a local rate.
-_REGULAR, _PART_ROWS = 0.8, 1000
+# Rows of a local rate.
+_PART_ROWS = 1000
 
 
 def read_recording(
@@ -102,8 +102,8 @@ def facts_of(frame: pl.LazyFrame, kept: NDArray[np.bool_], stated_hz: float | No
     whole = np.where(gap, np.nan, steps)
     if (total := float(np.nansum(whole))) > 0:
         facts["rate_hz"] = float(np.count_nonzero(~gap)) / total
-    step = float(np.median(ahead)) if len(ahead) else 0.0
-    if step and np.mean(np.abs(ahead - step) < step / 4) > _REGULAR:
+    if regular(ahead):
+        step = float(np.median(ahead))
         facts["missing"] = max(0, int((np.round(steps[steps > 1.5 * step] / step) - 1).sum()) - equal)
     parts = np.array_split(whole, max(1, len(whole) // _PART_ROWS))
     rates = [float(1 / np.nanmean(part)) for part in parts if 2 * len(part) >= _PART_ROWS and np.nansum(part) > 0]

@@ -12,11 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.findings.residuals import Discrepancy, discrepancies
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.axes import AXES
-from tumblecal.report.cause_words import label_words
-from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, draw_each, new_figure, new_panels, save
 from tumblecal.report.evidence_figures import limits_figure, predictive_figure
 from tumblecal.report.finding_figures import finding_signals, large_figure
@@ -168,7 +167,7 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
 
 def explanations_figure(diagnosis: Diagnosis) -> Figure:
     """Probability of the leading explanations; light: of the class of indistinguishable sets."""
-    listed = leading(diagnosis, _LEAST_SHOWN, _MOST_EXPLANATIONS)[::-1]
+    listed = diagnosis.leading(_LEAST_SHOWN, _MOST_EXPLANATIONS)[::-1]
     words = []
     for explanation in listed:
         more = f" (or\u00a0{len(explanation.equivalents)}\u00a0more)" if explanation.equivalents else ""

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
+from tumblecal.diagnosis.coefficients import findings_of_causes, first_unnamed
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.supplement import supplement
-from tumblecal.report.diagnosis_verdict import findings_of_causes, first_unnamed
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure
 from tumblecal.report.unnamed_figure import small_unnamed_figure
 

@@ -8,6 +8,7 @@ import polars as pl
 from tumblecal.data.calibration import write_calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
@@ -15,15 +16,14 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
+from tumblecal.lab.diagnosed_use import not_written
 from tumblecal.lab.record import calibration_of
-from tumblecal.report.cause_words import label_words
-from tumblecal.report.diagnosis_calibration import not_written
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.show.calibration import verdict_of_calibration, words_of_calibration
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
-    """The verdict, the exact fit's parameters, and the other methods in a line each."""
+    """The verdict and the exact fit's parameters."""
     screen = calibrated.exact.screen()
     headline, *reasons = verdict_of_calibration(calibrated, words_of_calibration(calibrated)).words().splitlines()
     return Screen(f"{calibrated.exact.data.source}: {headline}", screen.header, screen.rows, reasons)

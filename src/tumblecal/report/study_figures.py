@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.ground.units import shown
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, draw_each, new_figure, save
-from tumblecal.report.study_answers import point_words
+from tumblecal.show.study import point_words
 
 
 COLOURS = ("#b8b8b8", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#CC3311", "#009E73", "#CC79A7")

@@ -1,8 +1,6 @@
 """Figures of a temperature calibration: parameters, residuals and branches over temperature, the course of the temperature, and
 errors of held-out rows."""
 
-from collections.abc import Callable, Iterator
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,7 +9,7 @@ from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.units import shown
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure
-from tumblecal.report.thermal_estimates import (
+from tumblecal.thermal.estimates import (
     after_correction,
     before_correction,
     bin_estimates,
@@ -36,18 +34,6 @@ _DIRECTION_COLOUR = {1: OUTSIDE, -1: "#0072B2", 0: INK}
 _OF_COMPONENT = {"21": "x", "31": "y", "32": "z"}
 # More held-out parts than these have no bars.
 _MOST_BARS = 12
-
-
-def figures_of(result: ThermalResult) -> Iterator[tuple[str, Callable[[ThermalResult], Figure]]]:
-    """The functions that draw the figures of a result, by name."""
-    if result.curves is not None:
-        yield "parameters", parameter_figure
-    yield "residuals", residual_figure
-    if any(signal.name == "hysteresis" for signal in result.signals):
-        yield "hysteresis", hysteresis_figure
-    if result.held_out:
-        yield "held_out", held_out_figure
-    yield "course", course_figure
 
 
 def parameter_figure(result: ThermalResult) -> Figure:

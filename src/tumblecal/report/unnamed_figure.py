@@ -6,11 +6,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.findings.candidate_law import Law
+from tumblecal.diagnosis.findings.candidate_law import Law, law_words
 from tumblecal.diagnosis.findings.unexplained import Unnamed
 from tumblecal.ground.axes import AXES
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure
-from tumblecal.report.unnamed_words import law_words
 
 
 CAPTION = (

@@ -52,7 +52,7 @@ class Verdict:
     """The statements of a diagnosis or another analysis.
 
     - `verdict`: adequate, identified, ambiguous or unexplained; `headline`: its consequence. `source`: name of the data.
-    - `use`: whether calibration.json may be used.
+    - `use`: whether calibration.json may be used; "" without such a file.
     - `found`, `unresolved`, `evidence`: the errors, the open questions, and the tests and gains.
     - `next`: instructions, and commands (`tumblecal ...`) to be pasted.
     - `details`: heading and text of everything that asks for no action.
@@ -115,7 +115,7 @@ def verdict_lines(verdict: Verdict, width: int = WIDTH) -> list[str]:
     if _count([use]) > _MOST_LINES["USE"]:
         below.append(("USE, reasons", f"{verdict.use.partition(': ')[2]}."))
         use = f"calibration.json: {verdict.use.partition(': ')[0]} (reasons below the rule)."
-    lines += [*_block("USE", [use], width), ""]
+    lines += [*_block("USE", [use] if verdict.use else [], width), ""]
     open_lines = _MOST - _count([verdict.headline]) - _count([use]) - 1
     for label, entries in blocks.items():
         shown, moved = _fitting(entries, _MOST_LINES.get(label, open_lines))

@@ -14,8 +14,19 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tumblecal.ground.counted import counted, shortened
-from tumblecal.ground.numbers_shown import capped, changed, p_cell, p_words, rounded_together, with_decimals
+from tumblecal.ground.numbers_shown import (
+    capped,
+    changed,
+    decimals,
+    p_cell,
+    p_words,
+    rounded,
+    rounded_together,
+    with_decimals,
+)
 from tumblecal.ground.suggested_command import suggested
+from tumblecal.ground.units import in_words, shown
+from tumblecal.show.tables import Table, number
 from tumblecal.show.verdict import Finding, Unresolved, Verdict, as_sentence, ended
 
 
@@ -51,9 +62,18 @@ class Words:
         """A block as one line."""
         return " ".join(self.lines(block))
 
+    def section(self, title: str) -> list[str]:
+        """The paragraphs of a section."""
+        return [cells[0] for section in self.sections if section.title == title for cells in section.entries]
+
     def pairs(self, block: str) -> list[tuple[str, str]]:
         """The first two cells of each entry of a block."""
         return [(cells[0], cells[1] if len(cells) > 1 else "") for cells in self.blocks.get(block, ())]
+
+    def table(self, block: str, **options: Any) -> Table | None:
+        """A block as a table, its first entry as the header; None without rows. `options`: of the table."""
+        header, *rows = self.blocks.get(block) or [()]
+        return Table(header, rows, **options) if rows else None
 
     def verdict(self, verdict: str, source: str, use: str = "") -> Verdict:
         """The verdict by the blocks headline, found, unresolved, evidence, next and details.
@@ -88,6 +108,11 @@ def words_of(name: str, **values: object) -> Words:
     named = list(_blocks(_environment().get_template(f"{name}.words").render(values)))
     sections = [SectionWords(title.removeprefix(_SECTION), of) for title, of in named if title.startswith(_SECTION)]
     return Words({title: of for title, of in named if not title.startswith(_SECTION)}, sections)
+
+
+def text_of(template: str, **values: object) -> str:
+    """A text with its lines as they are in a template: `words/TEMPLATE`; `values` as for `words_of`."""
+    return f"{_environment().get_template(template).render(values).translate(_SHOW)}\n"
 
 
 def _blocks(text: str) -> Iterator[tuple[str, list[list[str]]]]:
@@ -158,4 +183,11 @@ def _environment() -> Environment:
     }
     environment.filters |= filters
     environment.globals |= {"plus_minus": rounded_together, "changed": changed, "command": _command}
+    environment.globals |= {
+        "shown": shown,
+        "in_words": in_words,
+        "rounded": rounded,
+        "decimals": decimals,
+        "number": number,
+    }
     return environment

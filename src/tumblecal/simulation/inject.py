@@ -8,6 +8,7 @@ from tumblecal.chain import Link, Where, parameters_of, with_values
 from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import faults_of
 
 
 def with_sizes(link: Link, values: Sequence[float] | np.ndarray) -> Link:
@@ -38,8 +39,6 @@ def injected_links(
     for name, values in sizes.items():
         effect = entry(entries, name)
         factor = base_unit(effect.unit)[1]
-        try:
+        with faults_of(f"inject.{name}"):
             made.append(with_sizes(links(entries, (name,), where)[name][0], [value * factor for value in values]))
-        except InputError as error:
-            raise InputError(f"inject.{name}: {error}") from error
     return tuple(made)

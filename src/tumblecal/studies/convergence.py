@@ -60,7 +60,7 @@ class Convergence:
         self.table, self.names, self.units = table, chain.names, chain.units
         self.sd, _ = noise_of(table.noise, rig)
         self.plan = plan = required_path(problem_for(chain, rig.where, self.sd), f"{rig.source}: a convergence")
-        self.truth, self.spread = chain.vector, spread_of(chain, table.truth.sizes())
+        self.truth, self.spread = chain.vector, spread_of(chain, table.truth.spread)
         model = table.noise.model()
         self.noise = None if model is None else noise_steps(model, table.noise.dwells(max(len(rig.plan), 2)))
         # H and the ideal instrument's harmonics, their rows in this module's order (setting, harmonic, axis).

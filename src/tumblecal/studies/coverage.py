@@ -51,7 +51,7 @@ class Coverage:
             where,
             sd=sd,
             injected=injected_links(sizes, where, entries_of(study)),
-            spread=table.truth.sizes(),
+            spread=table.truth.spread,
             priors=rig.priors,
             covariance=covariance,
             ability=rig.ability,

@@ -21,7 +21,6 @@ from tumblecal.chain.chain import LISTED_FIRST
 from tumblecal.chain.nominal import LINKS
 from tumblecal.estimation import harmonic
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.units import quantity
 from tumblecal.simulation.chain_fit import design, expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, problem_for
 from tumblecal.simulation.harmonic_fit import nominal_harmonics
@@ -59,10 +58,9 @@ class Linearization:
         self.sd, _ = noise_of(table.noise, rig)
         problem = problem_for(exact, where, self.sd)
         self.plan = plan = required_path(problem, f"{rig.source}: a linearisation")
-        smallest, largest = quantity(table.smallest, "rad"), quantity(table.largest, "rad")
-        if not 0 < smallest < largest:
+        if not 0 < table.smallest < table.largest:
             raise InputError(f"{study['source']}: smallest must be above 0 and below largest")
-        self.sizes = np.geomspace(smallest, largest, table.sizes)
+        self.sizes = np.geomspace(table.smallest, table.largest, table.sizes)
         _, to_values = design(problem)
         self.predicted_sd = np.sqrt(np.diag(to_values @ to_values.T))
         first_order = exact_to_small_angle(rig, where)

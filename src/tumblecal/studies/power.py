@@ -55,7 +55,7 @@ class Power:
         self.sd, covariance = noise_of(table.noise, rig)
         self._root = None if covariance is None else np.linalg.cholesky(covariance)
         chain = rig.true_chain(self.where)
-        self._spread = spread_of(chain, table.truth.sizes())
+        self._spread = spread_of(chain, table.truth.spread)
         self._readings, faults = [], []
         for name, size in self.points:
             try:

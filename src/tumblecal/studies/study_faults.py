@@ -1,7 +1,6 @@
-"""Faults of study files that a table alone cannot detect: unknown effects, options in place of keys."""
+"""Faults of study files that a table alone cannot detect: unknown effects."""
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,3 @@ def unknown_effects(content: Mapping[str, Any], path: Path, entries: Catalogue) 
             except InputError as error:
                 faults.append(f"{path}: {key}.{id}: {error}")
     return faults
-
-
-def of_options(faults: Sequence[str], path: Path, changes: Mapping[str, object]) -> list[str]:
-    """Faults of keys that the command line replaced, attributed to the options and not to the file."""
-    begin = re.compile(rf"{re.escape(str(path))}(?::line \d+)?: ({'|'.join(changes)}): ")
-    return [begin.sub(r"--\1: ", fault) for fault in faults] if changes else list(faults)

@@ -6,70 +6,56 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import rig_of
+from tumblecal.chain.rig_file import rig_of, unit_of_parameter
 from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import Number, Numbers, Seed, Strict, checked, read_toml
+from tumblecal.ground.strict_toml import (
+    Angle,
+    Hertz,
+    Number,
+    Numbers,
+    Sd,
+    SdOrNone,
+    Seconds,
+    Seed,
+    Strict,
+    checked,
+    read_toml,
+    sizes_by_name,
+)
 from tumblecal.ground.toml_faults import located
-from tumblecal.ground.units import quantity, reading_sd
 from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan_fit import from_figures
-from tumblecal.studies.study_faults import of_options, unknown_effects
+from tumblecal.studies.study_faults import unknown_effects
 
 
 Count = Annotated[int, Field(ge=2, le=10**12)]
 
 
-def _checked(unit: str):
-    def check(text: str | None) -> str | None:
-        if text is not None and quantity(text, unit) < 0:
-            raise ValueError("must not be negative")
-        return text
-
-    return check
-
-
-def _an_sd(*, none: bool = False):
-    def check(text: str | None) -> str | None:
-        if text is not None:
-            reading_sd(text, none=none)
-        return text
-
-    return check
-
-
 class Figure(Strict):
     """Sd of means over an averaging time."""
 
-    tau: str
-    sd: str
-
-    _tau = field_validator("tau")(_checked("s"))
-    _sd = field_validator("sd")(_an_sd(none=True))
+    tau: Seconds
+    sd: SdOrNone
 
 
 class StudyNoiseTable(Strict):
     """The `[noise]` table: white with the sd of a position mean, or a model of the samples with its schedule."""
 
-    sd: str | None = None
+    sd: Sd | None = None
     figures: Annotated[list[Figure], Field(min_length=2)] | None = None
-    white: str | None = None
-    bias_instability: str | None = None
-    random_walk: str | None = None
-    quantisation: str | None = None
-    rate: str = "100 Hz"
-    dwell: str = "60 s"
-    move: str = "15 s"
-
-    _sd = field_validator("sd")(_an_sd())
-    _parts = field_validator("white", "bias_instability", "random_walk", "quantisation")(_an_sd(none=True))
-    _rate = field_validator("rate")(_checked("Hz"))
-    _times = field_validator("dwell", "move")(_checked("s"))
+    white: SdOrNone = 0.0
+    bias_instability: SdOrNone = 0.0
+    random_walk: SdOrNone = 0.0
+    quantisation: SdOrNone = 0.0
+    rate: Hertz = 100.0
+    dwell: Seconds = 60.0
+    move: Seconds = 15.0
 
     @model_validator(mode="after")
     def _one_kind(self) -> "StudyNoiseTable":
@@ -78,48 +64,33 @@ class StudyNoiseTable(Strict):
             raise ValueError("give one of sd (white position means), figures, or white/bias_instability/random_walk")
         return self
 
-    @property
-    def sd_g(self) -> float | None:
-        """Stated sd of white position means, if any."""
-        return None if self.sd is None else quantity(self.sd, "g")
-
     def model(self) -> Noise | None:
         """The model of the samples; None for white position means."""
-        rate = quantity(self.rate, "Hz")
-        rounding = quantity(self.quantisation, "g") if self.quantisation else 0.0
         if self.figures is not None:
-            figures = [(quantity(figure.tau, "s"), quantity(figure.sd, "g")) for figure in self.figures]
-            return from_figures(figures, period_s=1 / rate, quantisation=rounding)
+            figures = [(figure.tau, figure.sd) for figure in self.figures]
+            return from_figures(figures, period_s=1 / self.rate, quantisation=self.quantisation)
         unit, parts = np.ones(3), list[Part]()
-        if rounding:
-            parts.append(Quantisation(unit * rounding, 1 / rate))
+        if self.quantisation:
+            parts.append(Quantisation(unit * self.quantisation, 1 / self.rate))
         if self.white:
-            parts.append(White(unit * quantity(self.white, "g")))
+            parts.append(White(unit * self.white))
         if self.bias_instability:
-            parts.append(Flicker(unit * quantity(self.bias_instability, "g"), shortest_s=1 / rate))
+            parts.append(Flicker(unit * self.bias_instability, shortest_s=1 / self.rate))
         if self.random_walk:
-            parts.append(RandomWalk(unit * quantity(self.random_walk, "g")))
+            parts.append(RandomWalk(unit * self.random_walk))
         return Noise(tuple(parts)) if parts else None
 
     def dwells(self, positions: int) -> Dwells:
         """The schedule of a number of positions."""
-        return regular_dwells(positions, quantity(self.dwell, "s"), quantity(self.move, "s"), quantity(self.rate, "Hz"))
+        return regular_dwells(positions, self.dwell, self.move, self.rate)
 
 
 class TruthTable(Strict):
     """The `[truth]` table: sd of a random instrument about the rig's true values, by leaf or parameter."""
 
-    spread: dict[str, str] = {}
-
-    def sizes(self) -> dict[str, float]:
-        """The sds, base units."""
-        return {name: quantity(text, unit_of(name)) for name, text in self.spread.items()}
-
-
-def unit_of(name: str) -> str:
-    """Base unit of a nominal leaf or parameter (`dbeta`, `dbeta_0`); dimensionless for others."""
-    leaf = next((leaf for leaf in UNIT_OF_LEAF if name == leaf or name.startswith(f"{leaf}_")), None)
-    return UNIT_OF_LEAF.get(leaf or "", "1")
+    spread: Annotated[
+        dict[str, float], sizes_by_name(lambda name: unit_of_parameter(name, UNIT_OF_LEAF) or "1", zero=True)
+    ] = {}
 
 
 class _StudyKeys(Strict):
@@ -174,12 +145,10 @@ class LinearizationTable(_StudyKeys):
 
     schema_: Annotated[Literal["tumblecal.study.linearization/1"], Field(alias="schema")]
     instruments: Count = 1000
-    smallest: str = "0.3 mrad"
-    largest: str = "100 mrad"
+    smallest: Angle = 0.3e-3
+    largest: Angle = 0.1
     sizes: Annotated[int, Field(ge=3, le=10_000)] = 21
     data_sets: Annotated[list[Annotated[int, Field(ge=1, le=10**12)]], Field(min_length=1)] = [1, 10, 100, 1000]
-
-    _sizes = field_validator("smallest", "largest")(_checked("rad"))
 
 
 class PowerTable(_StudyKeys):
@@ -235,7 +204,7 @@ def read_study(
     ):
         faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
-        raise InputError(of_options(located(path, faults), path, changes or {}))
+        raise InputError(located(path, faults))
     study: dict[str, Any] = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
     if sources:
         study["effects"] = [vars(source) for source in sources]
@@ -245,17 +214,10 @@ def read_study(
 def table_faults(kind: str, content: Mapping[str, object], path: Path) -> list[str]:
     """The faults of a study's table."""
     try:
-        table = checked(path, content, TABLES[kind])
+        checked(path, content, TABLES[kind])
     except InputError as error:
-        return list(error.faults)
-    faults = []
-    truth = getattr(table, "truth", None)
-    for name, text in (truth.spread if truth else {}).items():
-        try:
-            quantity(text, unit_of(name))
-        except InputError as error:
-            faults.append(f"{path}: truth.spread.{name}: {error}")
-    return faults
+        return [*error.faults]
+    return []
 
 
 def table_of(study: Mapping[str, Any]) -> Any:
@@ -285,7 +247,7 @@ def noise_of(table: StudyNoiseTable, rig: Rig) -> tuple[float, np.ndarray | None
         covariance = model.mean_covariance(table.dwells(len(rig.plan)))
         return float(np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2)))), covariance
     noise_stated(table, rig)
-    return table.sd_g or rig.noise_sd_g or 0.0, None
+    return table.sd or rig.noise_sd_g or 0.0, None
 
 
 def unused_of_head(kind: str, study: Mapping[str, Any]) -> str:
@@ -304,7 +266,7 @@ def noise_stated(table: StudyNoiseTable, rig: Rig) -> None:
 
     **Raises:** `InputError` when neither the study nor the rig states any.
     """
-    sd = table.sd_g if table.sd_g is not None else rig.noise_sd_g
+    sd = table.sd if table.sd is not None else rig.noise_sd_g
     if table.model() is None and not sd:
         none = (
             "neither the study nor its rig states the noise" if sd is None else "a study needs some, and the rig's is 0"

@@ -16,6 +16,7 @@ import polars as pl
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.effects.catalogue import links_and_units
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.option_texts import faults_of
 from tumblecal.ground.text_file import shown
 from tumblecal.studies.coverage import Coverage, summary_of
 from tumblecal.studies.study_tables import SweepTable, entries_of, noise_stated, table_faults, table_of
@@ -47,10 +48,8 @@ class Sweep:
     def _coverage(self, point: int) -> Coverage:
         """The coverage study of a point; the last one is cached, with its compiled program."""
         if self._current is None or self._current[0] != point:
-            try:
+            with faults_of(f"grid point {self.points[point][0]}"):
                 self._current = point, Coverage(self.points[point][1])
-            except InputError as error:
-                raise InputError([f"grid point {self.points[point][0]}: {fault}" for fault in error.faults]) from error
         return self._current[1]
 
     def trials_of(self, chunk: int) -> int:

@@ -86,6 +86,17 @@ class ThermalResult:
         return self.choice.reference_degc
 
     @property
+    def coefficients(self) -> list[tuple[str, float, float, str]]:
+        """Name, value, standard uncertainty without hysteresis, and unit of each coefficient of the curves, base units."""
+        if (curves := self.curves) is None:
+            return []
+        names = [name for curve in curves.curves for name in curve.coefficient_names]
+        units = [unit for curve in curves.curves for unit in curve.units]
+        values = np.concatenate([curve.coefficients for curve in curves.curves])
+        sd = np.sqrt(np.diag(curves.covariance)[len(SENSOR) :])
+        return [*zip(names, values.tolist(), sd.tolist(), units, strict=True)]
+
+    @property
     def undetermined(self) -> tuple[str, ...]:
         """Leaves of the sensor whose values at the reference these attitudes do not determine."""
         return tuple(leaf for leaf in SENSOR_LEAVES if leaf not in self.choice.model.free)

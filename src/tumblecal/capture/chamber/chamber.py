@@ -3,7 +3,6 @@
 import math
 import re
 import time
-from typing import Protocol
 
 from tumblecal.capture.capture_plan import ChamberTable
 from tumblecal.capture.port.transport import Port
@@ -19,36 +18,15 @@ _SET_WITHIN_DEGC = 0.11
 _DEGC = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?:deg|°)?\s*C)?", re.IGNORECASE)
 
 
-class Chamber(Protocol):
-    """A temperature chamber; its methods raise `InputError` in one line if it does not answer or accept a temperature.
+class Chamber:
+    """A chamber with commands in text; its port is opened again after a fault.
 
-    They are called in a thread, one at a time, so they may wait.
-    """
-
-    @property
-    def name(self) -> str:
-        """Name in the journal and in messages."""
-        ...
-
-    def set_temperature(self, degc: float) -> None:
-        """Request a temperature; does not wait until it is reached."""
-        ...
-
-    def temperature(self) -> float | None:
-        """The temperature of the chamber, degC; None if it has no thermometer."""
-        ...
-
-    def close(self) -> None:
-        """Release the line to the chamber; its temperature remains set."""
-        ...
-
-
-class TextChamber:
-    """A `Chamber` with commands in text; its port is opened again after an interruption.
+    The public methods are called in a thread, one at a time, so they may wait. They raise `InputError` in one line if the
+    chamber does not answer or accept a temperature.
 
     **Arguments:**
 
-    - `table`: port and commands.
+    - `table`: port and commands. The `name`, in the journal and in messages, is that of the port.
     """
 
     def __init__(self, table: ChamberTable):
@@ -66,12 +44,12 @@ class TextChamber:
                 "of the plan"
             )
 
-    def temperature(self) -> float:
-        """The temperature of the chamber, degC."""
+    def temperature(self) -> float | None:
+        """The temperature of the chamber, degC; None, for a chamber of the user's, without a thermometer."""
         return self._exchange(self._table.query, self._table.query_field)
 
     def close(self) -> None:
-        """Release the port."""
+        """Release the port; the temperature remains set."""
         if self._port is not None:
             self._port.close()
             self._port = None
@@ -82,26 +60,20 @@ class TextChamber:
             if self._port is None:
                 self._port = Port(self.name, self._table.baud)
                 for first in self._table.start:
-                    self._send(self._port, first)
+                    self._answer(self._port, first, 0)
             return self._answer(self._port, command, field)
-        except InputError as error:
-            raise InputError(f"chamber {self.name}: {error}") from error
-        except OSError as error:
+        except (InputError, OSError) as error:
             self.close()
-            raise InputError(
-                f"chamber {self.name}: the line is interrupted ({error}); check cable and power"
-            ) from error
-
-    def _send(self, port: Port, command: str) -> None:
-        """Send a command; answers to earlier ones are discarded."""
-        port.read()
-        port.write((command + _TERMINATORS[self._table.terminator]).encode())
+            words = f"the line is interrupted ({error}); check cable and power" if isinstance(error, OSError) else error
+            raise InputError(f"chamber {self.name}: {words}") from error
 
     def _answer(self, port: Port, query: str, field: int) -> float:
-        """The number in the answer to a query, which is repeated twice if there is none."""
+        """The number in the answer to a query, which is repeated twice if there is none; NaN without a field."""
         seen = ""
         for _ in range(_TRIES):
-            self._send(port, query)
+            # Answers to earlier commands are discarded.
+            port.read()
+            port.write((query + _TERMINATORS[self._table.terminator]).encode())
             if not field:
                 return math.nan
             answer, late, late_s = b"", False, time.monotonic() + self._table.timeout_s

@@ -2,6 +2,7 @@
 
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from tumblecal.ground.errors import InputError
 OPERATOR = "operator"
 # A rate needs this many readings; if they are rare, over a longer time.
 _FEWEST = 3
-# Seconds of the device's time between two queries of the chamber, and the shortest time by the host's clock.
-_QUERY_S, _LEAST_QUERY_S = 5.0, 0.1
+# Seconds of the device's time from an answer of the chamber to the next query.
+_QUERY_S = 5.0
 
 
 class Stability:
@@ -146,23 +147,18 @@ class Soak:
         """
         self._thread.shutdown()
         if self._chamber is not None:
-            try:
+            with closing(self._chamber):
                 if finished and self._plan.chamber.finish_degc is not None:
                     self._chamber.set_temperature(self._plan.chamber.finish_degc)
-            finally:
-                self._chamber.close()
 
     def _ask(self, chamber: Chamber) -> None:
-        """Ask the chamber for its temperature when this is due, and read the answer when it is there.
-
-        **Raises:** `InputError` if the chamber fails while it is waited for.
-        """
+        """Ask the chamber for its temperature when this is due, and read the answer when it is there."""
         if self._answer is None and time.monotonic() >= self._ask_at_s:
             self._answer = self._thread.submit(chamber.temperature)
         if self._answer is None or not self._answer.done():
             return
         answer, self._answer = self._answer, None
-        self._ask_at_s = time.monotonic() + max(_QUERY_S / self._plan.port.speed, _LEAST_QUERY_S)
+        self._ask_at_s = time.monotonic() + _QUERY_S / self._plan.port.speed
         before, self.fault, self.requested["chamber_degc"] = self.fault, "", None
         try:
             self.requested["chamber_degc"] = answer.result()

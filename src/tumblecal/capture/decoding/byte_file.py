@@ -1,7 +1,7 @@
 """Byte logs from other programs: protocol, contents, and the samples as a table, read in pieces for files of any size."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
@@ -133,7 +133,6 @@ def decode_file(
     *,
     out: Path | None = None,
     stated: Stated = Stated(),
-    progress: Callable[[int], None] = lambda size: None,
 ) -> FileContents:
     """Decode a whole file in pieces, and write its samples if `out` is given; without samples no file is written.
 
@@ -143,12 +142,9 @@ def decode_file(
     - `name`: protocol; guessed if None.
     - `out`: table to write, .csv or .parquet, complete or not at all.
     - `stated`: settings that the stream does not state.
-    - `progress`: called with the number of finished bytes.
 
     **Raises:** `InputError` if a file cannot be read or written, or no protocol fits.
     """
-    if out is not None and out.suffix not in (".csv", ".parquet"):
-        raise InputError(f"{out}: must end in .csv or .parquet")
     start = next(pieces_of(path), b"")
     if not start:
         raise InputError(f"{path}: the file is empty")
@@ -169,7 +165,6 @@ def decode_file(
         for data in pieces_of(path, contents.of_log):
             contents.size += len(data)
             yield decoder.feed(data)
-            progress(contents.size)
         yield decoder.finish()
 
     def tables(contents: FileContents) -> Iterator[pl.DataFrame]:

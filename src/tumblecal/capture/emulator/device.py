@@ -141,11 +141,8 @@ class VirtualDevice:
     def _at_rest(self, now_s: float) -> NDArray[np.float64]:
         """The true output, recomputed when the head moves, every few seconds, and with the temperature (effects that drift)."""
         # A late emulator makes its samples when they are read: drifts have continued meanwhile.
-        (alpha, beta), drifted_s, degc = (
-            self.head.angles(now_s).tolist(),
-            now_s + self.ledger.behind_s,
-            self.climate.die_degc,
-        )
+        alpha, beta = self.head.angles(now_s).tolist()
+        drifted_s, degc = now_s + self.ledger.behind_s, self.climate.die_degc
         key = alpha, beta, int(drifted_s / _REFRESH_S), round(degc / _REFRESH_DEGC)
         if key != self._key:
             self._key, self._known = key, np.asarray(self._truth(alpha, beta, drifted_s, degc), float)

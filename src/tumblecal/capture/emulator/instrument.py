@@ -68,9 +68,8 @@ class VirtualInstrument:
         finally:
             if self._ledger is not None:
                 write_text(self._ledger, json.dumps(ledger.as_dict() | {"time_s": self.device.time_s}, indent=1) + "\n")
-            self.port.unplug()
-            if self.chamber_port is not None:
-                self.chamber_port.unplug()
+            for port in filter(None, (self.port, self.chamber_port)):
+                port.unplug()
 
     def step(self, n: int) -> None:
         """Let the device make `n` samples and send them, with the faults in between."""

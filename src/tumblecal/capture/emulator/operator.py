@@ -32,11 +32,9 @@ class Typist:
             with contextlib.suppress(OSError):  # the terminal is closed
                 self._text += os.read(sys.stdin.fileno(), 4096).decode(errors="replace")
         *lines, self._text = self._text.split("\n")
-        for line in lines:
+        for words in filter(None, map(str.split, lines)):
             try:
-                match line.split():
-                    case []:
-                        pass
+                match words:
                     case ["quit" | "q"]:
                         return False
                     case ["knock"]:
@@ -46,7 +44,7 @@ class Typist:
                     case ["chamber", degc]:
                         device.climate.set_temperature(float(degc))
                         print(f"chamber set to {device.climate.set_point_degc:g} degC", flush=True)
-                    case words:
+                    case _:
                         alpha, beta = map(float, words)
                         device.head.turn(alpha, beta, device.time_s)
                         print(f"turning to alpha {alpha:g}, beta {beta:g}", flush=True)

@@ -125,8 +125,8 @@ def _why_not(url: str, baud: int, error: Exception) -> str:
         else f"cannot be opened ({text})"
     )
     if "://" in url:
-        pass
-    elif not path.exists():
+        return f"port {url}: {words}"
+    if not path.exists():
         names = ", ".join(i.url for i in available()) or "none found"
         words = f"there is no such device; plug it in, or use one of: {names} (`tumblecal ports`)"
     elif not path.is_char_device():

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
-from tumblecal.capture.chamber.chamber import Chamber, TextChamber
+from tumblecal.capture.chamber.chamber import Chamber
 from tumblecal.capture.chamber.soak import Soak
 from tumblecal.capture.journal import RAW_NAME, RunState
 from tumblecal.capture.port.live import LiveStream
@@ -68,7 +68,7 @@ def capture(
             contact.meet(signals.pause)
             if plan.over_temperature:
                 print(f"a temperature is stable if, {plan.soak.words}")
-                chamber = chamber or (TextChamber(plan.chamber) if plan.chamber.url else None)
+                chamber = chamber or (Chamber(plan.chamber) if plan.chamber.url else None)
             soak = Soak(plan, journal, contact.rate_hz, chamber)
             ends.callback(lambda: soak.close(finished=run.complete))
             screen = ends.enter_context(Screen(plain, estimate))

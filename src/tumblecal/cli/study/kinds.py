@@ -3,15 +3,15 @@
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles
-from tumblecal.cli.study.running import Running, Seed, run_study
+from tumblecal.cli.study.running import Number, Running, StudySeed, run_study
 
 
 def coverage(
     config: Path,
     /,
     *,
-    trials: int | None = None,
-    seed: Seed = None,
+    trials: Number = None,
+    seed: StudySeed = None,
     raw: bool = False,
     effects: EffectFiles = (),
     running: Running,
@@ -31,7 +31,7 @@ def coverage(
 
 
 def convergence(
-    config: Path, /, *, runs: int | None = None, seed: Seed = None, effects: EffectFiles = (), running: Running
+    config: Path, /, *, runs: Number = None, seed: StudySeed = None, effects: EffectFiles = (), running: Running
 ) -> None:
     """Find the number of data sets that each method needs for a given error.
 
@@ -46,7 +46,7 @@ def convergence(
 
 
 def linearization(
-    config: Path, /, *, instruments: int | None = None, seed: Seed = None, effects: EffectFiles = (), running: Running
+    config: Path, /, *, instruments: Number = None, seed: StudySeed = None, effects: EffectFiles = (), running: Running
 ) -> None:
     """Find the largest errors for which the small-angle equations are adequate.
 
@@ -61,7 +61,7 @@ def linearization(
 
 
 def power(
-    config: Path, /, *, runs: int | None = None, seed: Seed = None, effects: EffectFiles = (), running: Running
+    config: Path, /, *, runs: Number = None, seed: StudySeed = None, effects: EffectFiles = (), running: Running
 ) -> None:
     """Find how often the diagnosis detects effects of given sizes, and identifies them correctly.
 
@@ -76,7 +76,7 @@ def power(
 
 
 def sweep(
-    config: Path, /, *, trials: int | None = None, seed: Seed = None, effects: EffectFiles = (), running: Running
+    config: Path, /, *, trials: Number = None, seed: StudySeed = None, effects: EffectFiles = (), running: Running
 ) -> None:
     """Run a coverage study at every point of a grid.
 

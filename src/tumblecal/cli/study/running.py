@@ -1,16 +1,17 @@
 """Command line of all kinds of study: print the cost, run with a progress bar, write and print results."""
 
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.ground.counted import counted
+from tumblecal.cli.command import names_written, warn
+from tumblecal.cli.options import Count, Seed, options, within
+from tumblecal.ground.counted import counted, duration
+from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
 # Time to compile the program of a study, s; measured with an empty cache on a busy core (7 to 13 s).
 COMPILE_SECONDS = 12.0
 
-Seed = Annotated[
-    int | None, Parameter(help="Seed of all random numbers. Default: that of the file. Example: --seed 1.")
+Number = Annotated[int | None, within(gte=2, lte=10**12)]
+StudySeed = Annotated[
+    Seed | None, Parameter(help="Seed of all random numbers. Default: that of the file. Example: --seed 1.")
 ]
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
+@options
 class Running:
     """Execution of a study; these options do not change its result.
 
@@ -49,7 +50,7 @@ class Running:
     """
 
     out: Path
-    workers: Annotated[int | None, Parameter(name="--workers")] = None
+    workers: Count | None = None
     scheduler: str | None = None
     dry_run: bool = False
     max_hours: float = 24.0
@@ -70,23 +71,17 @@ def run_study(
     **Raises:** `InputError` for faults of the files, a study that is too large, or a folder of a different study.
     """
     from tumblecal.cli.start import start
-    from tumblecal.ground.errors import InputError
-    from tumblecal.studies.threads import use_one_thread
 
-    if running.workers is not None and running.workers < 1:
-        raise InputError(f"--workers {running.workers}: at least 1; remove it to compute in this process")
     if running.workers is not None and running.scheduler is not None:
         raise InputError("--workers and --scheduler contradict each other; give only one of them")
-    use_one_thread()
     # The workers compute on the CPU, so this process computes its share there too.
-    start(accelerator=running.workers is None)
+    start(accelerator=running.workers is None, one_thread=True)
     from rich.console import Console
 
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_folder
-    from tumblecal.report.study_answers import answer_of, print_answer
     from tumblecal.report.study_figures import draw
-    from tumblecal.report.study_page import write_study_page
+    from tumblecal.show.study import answer_of, print_answer, write_study_page
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study, unused_of_head
 
@@ -94,64 +89,48 @@ def run_study(
     tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None}, effects)
     study = study_of(tables)
     if unused := unused_of_head(kind, tables):
-        print(f"WARNING: {unused}", file=sys.stderr)
-    cost, too_much = _cost(study, config, running)
-    console.print(cost, highlight=False)
-    if too_much:
-        raise InputError(too_much)
-    if running.dry_run:
+        warn(config, [unused])
+    if not _affordable(study, config, running):
         return
-    rig = config.parent / str(tables["study"]["rig"])
-    protect_inputs(
-        [config, rig, *effects], folders=[running.out], names=(f"{kind}*", "*.svg", "manifest.json", "chunks/*")
-    )
+    names = (f"{kind}*", "*.svg", "manifest.json", "chunks/*")
+    protect_inputs([config, config.parent / str(tables["study"]["rig"]), *effects], folders=[running.out], names=names)
     folder = writable_folder(running.out)
-    report = partial(console.print, highlight=False, markup=False, soft_wrap=True)
-    written = list[str]()
 
     def shown(aside: Path, content, frames) -> None:
-        figures = draw(kind, content, frames, aside)
-        page = write_study_page(
-            aside / f"{kind}.html", kind, content, frames, answer_of(kind, content, frames), figures
-        )
-        tables = [f"{kind}_{name}.parquet" for name in frames]
-        written.extend([*page, *(figure.name for figure in figures), *tables, f"{kind}.json"])
+        page, answer = aside / f"{kind}.html", answer_of(kind, content, frames)
+        write_study_page(page, answer, draw(kind, content, frames, aside))
 
-    with _resumable(folder), _workers(tables, running) as computed, _bar(console, study.trials) as progress:
-        content, frames = run(
-            tables, folder, study=study, computed=computed, progress=progress, tell=report, shown=shown
-        )
-    print_answer(answer_of(kind, content, frames), console)
-    report(f"written: {folder}/: {', '.join(written)} (open {folder / written[0]})")
-
-
-def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str]]:
-    """The estimated cost of a study in words, and the limits that it exceeds."""
-    workers = running.workers or 1
-    compiling = COMPILE_SECONDS * study.programs / 3600
-    hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
-    words = (
-        f"{config}: {counted(study.trials, 'trial')} in {counted(study.chunks, 'chunk')}; about {_time(hours)} on {workers} "
-        f"core{'s' if workers > 1 else ''}, plus about {_time(compiling)} to compile it the first time; "
-        f"{_bytes(gib)} on disk"
-    )
-    hours += compiling
-    too_much = []
-    if hours > running.max_hours:
-        too_much.append(f"{config}: would take {hours:.1f} h, more than --max-hours {running.max_hours:g}")
-    if gib > running.max_gib:
-        too_much.append(f"{config}: would need {gib:.1f} GiB of disk, more than --max-gib {running.max_gib:g}")
-    return words, too_much
-
-
-@contextmanager
-def _resumable(folder: Path) -> Iterator[None]:
-    """Report, if a study is interrupted, that its finished chunks are stored."""
     try:
-        yield
+        with _workers(tables, running) as computed, _bar(console, study.trials) as progress:
+            content, frames = run(
+                tables, folder, study=study, computed=computed, progress=progress, tell=print, shown=shown
+            )
     except KeyboardInterrupt:
         words = f"{folder}: the finished chunks are stored; the same command continues from there"
         raise KeyboardInterrupt(words) from None
+    print_answer(answer_of(kind, content, frames), console)
+    written = names_written(folder, (f"{kind}.html", "*.svg", f"{kind}_*.parquet", f"{kind}.json"))
+    print(f"{written} (open {folder / kind}.html)")
+
+
+def _affordable(study: "Study", config: Path, running: Running) -> bool:
+    """Print the estimated cost of a study; whether it is to run.
+
+    **Raises:** `InputError` for a study beyond the limits.
+    """
+    workers = running.workers or 1
+    compiling, computing = COMPILE_SECONDS * study.programs, study.seconds / workers
+    hours, gib = (compiling + computing) / 3600, study.chunks * study.chunk_bytes / 2**30
+    print(
+        f"{config}: {counted(study.trials, 'trial')} in {counted(study.chunks, 'chunk')}; about {duration(computing)} on "
+        f"{counted(workers, 'core')}, plus about {duration(compiling)} to compile it the first time; {gib:.2g} GiB on disk"
+    )
+    for needed, most, option in ((hours, running.max_hours, "max-hours"), (gib, running.max_gib, "max-gib")):
+        if needed > most:
+            raise InputError(
+                f"{config}: {option.partition('-')[2]}: would need {needed:.3g}, more than --{option} {most:g}"
+            )
+    return not running.dry_run
 
 
 def _workers(tables, running: Running):
@@ -162,44 +141,12 @@ def _workers(tables, running: Running):
     return cluster(tables, workers=running.workers, scheduler=running.scheduler)
 
 
-class _bar:
-    """A progress bar with rate and remaining time; chunks of an earlier call do not count for the rate."""
+@contextmanager
+def _bar(console, trials: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar with remaining time."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
-    def __init__(self, console, trials: int):
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn())
-        self._progress = Progress(*columns, console=console, transient=not console.is_terminal)
-        self._trials = trials
-
-    def __enter__(self):
-        import time
-
-        self._progress.start()
-        task = self._progress.add_task("trials", total=self._trials, rate="")
-        # The rate does not include the first chunk of this call, which is compiled.
-        begin, done, calls, counted = time.monotonic(), 0, 0, 0
-
-        def advance(trials: int) -> None:
-            nonlocal begin, done, calls, counted
-            done, calls = done + trials, calls + 1
-            if calls == 1 or (calls == 2 and done < self._trials):
-                begin, counted = time.monotonic(), done
-            rate = (done - counted) / max(time.monotonic() - begin, 1e-9)
-            remaining = f", {_time((self._trials - done) / rate / 3600)} left" if rate > 0 else ""
-            self._progress.update(task, completed=done, rate=f"{rate:,.0f}/s{remaining}")
-
-        return advance
-
-    def __exit__(self, *_):
-        self._progress.stop()
-
-
-def _time(hours: float) -> str:
-    if hours < 1 / 60:
-        return f"{3600 * hours:.0f} s"
-    return f"{60 * hours:.0f} min" if hours < 2 else f"{hours:.1f} h"
-
-
-def _bytes(gib: float) -> str:
-    return f"{gib:.1f} GiB" if gib >= 1 else f"{max(1024 * gib, 0.1):.1f} MiB"
+    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=not console.is_terminal) as progress:
+        task = progress.add_task("trials", total=trials)
+        yield partial(progress.advance, task)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -77,6 +78,13 @@ class Cause(NamedTuple):
 def id_of(label: str) -> str:
     """The catalogue's id in a label."""
     return label.split(":")[0]
+
+
+def label_words(labels: tuple[str, ...]) -> str:
+    """`a + b at 1-3`; of a family `c.x, .y, .z`."""
+    families = [list(family) for _, family in groupby(labels, key=lambda label: (family_of(label) or (label,))[0])]
+    words = (", ".join([first, *("." + label.rpartition(".")[2] for label in others)]) for first, *others in families)
+    return " + ".join(name.replace(":", " at ", 1) for name in words)
 
 
 def family_of(id: str) -> tuple[str, str] | None:

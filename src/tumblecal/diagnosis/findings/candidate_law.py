@@ -17,6 +17,7 @@ from tumblecal.diagnosis.findings.law_search import ALL_OUTPUTS, ANGLES, Chosen,
 from tumblecal.diagnosis.findings.law_shapes import Form, forms, nonzero_functions
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace
 from tumblecal.diagnosis.priors import LAW_FOLDS, LEAST_COEFFICIENT, SURE_LAW
+from tumblecal.ground.numbers_shown import rounded_together
 from tumblecal.ground.showing import brief
 
 
@@ -56,6 +57,23 @@ class Law:
     before_g: float
     after_g: float
     same: float
+
+
+_ANGLE_WORDS = {"alpha": "spindle angle alpha", "beta": "pitch angle beta"}
+
+
+def law_words(law: Law) -> str:
+    """The terms of a law, each with the output or angle that it acts on."""
+    return "; ".join(map(term_words, law.terms))
+
+
+def term_words(term: Term) -> str:
+    """`output z: (0.52 +- 0.06) mg/g^3 u_x u_y^2`."""
+    sizes = [
+        f"({rounded_together(1e3 * size, 1e3 * sd)}) {term.unit} {words}"
+        for size, sd, words in zip(term.sizes, term.sd, term.form.words, strict=True)
+    ]
+    return f"{_ANGLE_WORDS.get(term.acts_on, f'output {term.acts_on}')}: {' + '.join(sizes)}"
 
 
 def candidate_law(

@@ -6,6 +6,7 @@ explanation that is one effect is compared with that effect in each part, every 
 including explanations without a name (generic terms, lack of fit).
 """
 
+import math
 from collections.abc import Iterator
 from itertools import combinations
 from typing import NamedTuple
@@ -42,6 +43,11 @@ class Located(NamedTuple):
     positions: int
     log_odds: float
     beside: tuple[str, ...]
+
+    @property
+    def odds(self) -> float:
+        """Odds against the leading explanation; at most 5e8."""
+        return math.exp(min(self.log_odds, 20.0))
 
     @property
     def words(self) -> str:

@@ -129,10 +129,7 @@ def _check(correction: Correction, header: Raw, renamed: dict[str, str], types: 
     **Raises:** `InputError`.
     """
     calibration, path = correction.calibration, correction.path
-    serial, stated = calibration.serial_number, serial_number_of(header.comments)
-    if serial and stated and stated != serial and not correction.other_unit:
-        words = f"serial number {stated}, but {path} is of {serial}; give that unit's calibration, or --other-unit to insist"
-        raise InputError(f"{header.path}: {words}")
+    calibration.require_unit(path, str(header.path), serial_number_of(header.comments), other=correction.other_unit)
     for name in calibration.columns_needed:
         if name not in header.frame.columns:
             kind = {TEMPERATURE: "temperature", "time_s": "drift"}[name]

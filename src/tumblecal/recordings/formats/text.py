@@ -7,15 +7,15 @@ from pathlib import Path
 
 import polars as pl
 
-from tumblecal.data.column_names import role_of
+from tumblecal.data.column_names import FORCE, role_of
 from tumblecal.data.files import stated
 from tumblecal.data.line_form import FORM_SEPARATOR, clock_form, has_words, without_clock, word_forms
-from tumblecal.data.text_cells import numbers_in, row_of, separator_of
+from tumblecal.data.text_cells import cells_of, numbers_in, row_of, separator_of
 from tumblecal.data.text_layout import SEPARATORS, TextLayout
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import comment_in, is_utf16, opened, shown
-from tumblecal.recordings.formats.text_layouts import header_of, kinds_of, known_names, layout_of_kind, statements_in
+from tumblecal.recordings.formats.text_layouts import header_of, kinds_of, layout_of_kind, statements_in
 from tumblecal.recordings.table import Reader, Source, Table
 
 
@@ -72,26 +72,32 @@ def _read(source: Source) -> list[Table]:
         if table := _of_axes(source, rows, separator):
             return [table]
         good = []
+    roles = [{role_of(cell)[0] for cell in row} for row in rows]
+    # A last column may be empty in some rows, or in all.
+    named = {len(row) for row, own in zip(rows, roles, strict=True) if own - {""}}
+    ends = separator != " " and any(cells_of(line, separator)[width:] == [""] for line in middle)
+    columns = width + (ends and width not in named and width + 1 in named)
     # Lines before the rows have words in some columns of numbers.
     numeric = [k for k, cells in enumerate(zip(*good, strict=True)) if 2 * numbers_in(cells) > len(good)]
     are_rows = [
-        len(row) in (width, width - 1) and numbers_in(row) >= 3
+        width - 1 <= len(row) <= columns and numbers_in(row) >= 3
         and numbers_in([_MISSING.sub("0", row[k]) for k in numeric if k < len(row)]) >= len(numeric) - (len(row) < width)
         for row in rows
     ]  # fmt: skip
     first = are_rows.index(True) if True in are_rows else len(rows)
-    # A last column may be empty in all rows.
-    named = {len(row) for row in rows if known_names(row)}
-    ends = separator != " " and all(line.rstrip(" ").endswith(separator) for line in middle)
-    columns = width + (ends and width not in named and width + 1 in named)
     filled = max((k for row in good for k, cell in enumerate(row, start=1) if cell), default=0)
     widths = (columns, columns if clock else filled)
     names, header = header_of(source, written[:first], separator, *widths, clock=bool(clock)) if good else ((), None)
+    axes = [number for number, own in enumerate(roles) if own >= {*FORCE}]
+    if header is None and len(axes) == 1:
+        # The rows below this line have words under the names, all or the first ones.
+        width = len(rows[axes[0]])
+        names, header = header_of(source, written[: axes[0] + 1], separator, width, width, clock=False)
     labels = any(len({*cells}) == 1 and role_of(cells[0])[0] for cells in zip(*good, strict=True))
     between_words = header is None and not (good and clock) and (not good or has_words(good) or labels)
     if between_words and (forms := word_forms(middle)):
         return [_of_form(source, written, form, name if len(forms) > 1 else "") for name, form in forms.items()]
-    if not good:
+    if not good and header is None:
         line = (body or [decoded(head[:_LINES])])[0]
         cells = row_of(line, separator)
         raise InputError(

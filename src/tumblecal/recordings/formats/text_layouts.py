@@ -19,7 +19,9 @@ from tumblecal.recordings.table import Source
 _MOST_KINDS = 20
 # A line before the rows with a name and a value: // Update Rate: 100.0Hz.
 _STATED = re.compile(r"[\W_]*([A-Za-z][\w .\-/()]{0,40}?)\s*[:=]\s*(\S.{0,200}?)\s*")
-_RATE = re.compile(r"\bat\s+(\d+(?:\.\d+)?)\s*Hz\b")
+_RATE = re.compile(
+    r"\b(?:at|(?:data|output|sample|sampling|update)[ _]rate)\W{1,3}(\d+(?:\.\d+)?)\s*Hz\b", re.IGNORECASE
+)
 _LABEL = re.compile(r"\W*(headers?|columns?|cols?|fields?|names?)\W*", re.IGNORECASE)
 # Columns of files without names, by a line of the preamble.
 _KNOWN = {
@@ -94,11 +96,6 @@ def _by_number(names: Sequence[str]) -> str:
     columns = {role: f"{role}_{unit}={number}".replace("_=", "=") for role, unit, number in reversed(roles) if role}
     known = ",".join(columns[role] for role in ("time", *FORCE, *RATE) if role in columns)
     return f"--columns {known}" if {*FORCE} <= {*columns} else COLUMNS_OPTION
-
-
-def known_names(cells: Sequence[str]) -> bool:
-    """Whether some cells name a quantity."""
-    return any(role_of(cell)[0] for cell in cells)
 
 
 def are_units(cells: Sequence[str]) -> bool:

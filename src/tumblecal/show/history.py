@@ -1,0 +1,61 @@
+"""The history of a unit for people: its words, and its lines on a terminal."""
+
+from datetime import timedelta
+
+import numpy as np
+
+from tumblecal.data.sensor_parameters import GROUPS, leaf_of
+from tumblecal.history.changes import STEP, Change
+from tumblecal.history.repeatability import DAYS_A_MONTH, FEWEST, MOUNTING, TOGETHER, Trend, UnitHistory
+from tumblecal.show.words import Words, words_of
+
+
+def words_of_history(serial: str, history: UnitHistory, risk: float) -> Words:
+    """The words of the history of a unit; block `findings`: each with its next step."""
+    results, (months, limiting) = history.entries, history.interval(risk)
+    events = _events(history)
+    return words_of(
+        "history",
+        h=history,
+        serial=serial,
+        risk=risk,
+        results=results,
+        events=events,
+        latest=max((last for kind, _, last in events if kind == STEP), default=0),
+        changed_kinds={leaf_of(trend.name) for trend in history.trends if trend.changes},
+        refused=[entry for entry in results if entry.refused],
+        known=[kind for kind in history.repeats if kind.leaf != MOUNTING and np.isfinite(kind.sd)],
+        months=months,
+        limiting=limiting,
+        due=np.isfinite(months) and (results[-1].when + timedelta(days=months * DAYS_A_MONTH)).date(),
+        dofs=[each.parameters.dof for each in results if each.parameters and np.isfinite(each.parameters.dof)],
+        fewest=FEWEST,
+        together=TOGETHER,
+        mounting=MOUNTING,
+        groups=GROUPS,
+        finite=np.isfinite,
+    )
+
+
+def _events(history: UnitHistory) -> dict[tuple[str, int, int], list[tuple[Trend, Change]]]:
+    """Changes by kind, first and last result, the largest first: those of several parameters are one finding."""
+    found = [(trend, change) for trend in history.trends for change in trend.changes]
+    events = dict[tuple[str, int, int], list[tuple[Trend, Change]]]()
+    for trend, change in sorted(found, key=lambda pair: -abs(pair[1].size) / pair[1].u):
+        events.setdefault((change.kind, change.first, change.last), []).append((trend, change))
+    return events
+
+
+def steps(words: Words) -> list[str]:
+    """The next steps of all findings."""
+    return list(dict.fromkeys(step for _, step in words.pairs("findings") if step))
+
+
+def history_text(words: Words) -> str:
+    """The history of a unit for a terminal: one line, or each finding, the next steps, and repeatability."""
+    found, closing = words.pairs("findings"), f"{words.text('repeatability')} {words.text('interval')}".strip()
+    if not found:
+        return f"{words.text('headline')} {closing}"
+    lines = [f"{words.text('unit')}: {finding}." for finding, _ in found]
+    note = " +- is the standard uncertainty." * (" +- " in lines[0])
+    return "\n".join([*lines, *(f"NEXT: {step}" for step in steps(words)), closing + note])

@@ -1,0 +1,120 @@
+"""A designed plan for people: its words, `plan.html`, and its lines and tables on a terminal."""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from tumblecal.design.model.responses import MOUNT, PITCH
+from tumblecal.design.plan import DesignedPlan
+from tumblecal.design.plan_files import capture_files, run_folder
+from tumblecal.design.positions.bounds import GOOD
+from tumblecal.ground.units import factor
+from tumblecal.report.plan_figures import figures_of, small_figure, small_use_figure
+from tumblecal.show.narrow import print_table, print_words
+from tumblecal.show.page import page, write_page
+from tumblecal.show.tables import Table
+from tumblecal.show.words import Words, words_of
+
+
+# Columns of words in the tables, and the tables on a terminal.
+_TEXT = {
+    "positions": (2,),
+    "uncertainties": (3,),
+    "practice": (0, 4),
+    "effects": (0, 2, 9),
+    "named": (0,),
+    "limits": (2,),
+    "assumptions": (0, 1),
+}
+_PRINTED = ("uncertainties", "practice", "named")
+
+
+def words_of_plan(plan: DesignedPlan, folder: Path) -> Words:
+    """The words of a plan in this folder."""
+    ability, positions = plan.ability, plan.positions[plan.measured :]
+    runs = {name: run_folder(name) for name in capture_files(plan)}
+    relevant = {"remount_s": len(ability.mounts) > 1, "temperature_change_s": bool(ability.temperatures_degc)}
+    times = [key.removeprefix("times.") for key in ability.assumed if key.startswith("times.")]
+    comparable = [each for each in plan.practice if each.fits and not each.undetermined(plan.determined)]
+    return words_of(
+        "plan",
+        plan=plan,
+        source=Path(plan.rig.source).name,
+        folder=folder,
+        positions=positions,
+        starts=plan.after.schedule.start_s[plan.measured :],
+        mountings=len({position["mount"] for position in positions}),
+        units={name: unit for name, unit, *_ in plan.parameters},
+        without="positions measured already" if plan.measured else "plan of the rig file",
+        plans=[plan.after, plan.before, *plan.practice],
+        best=min(comparable, key=plan.ratio, default=None),
+        good=GOOD,
+        runs=runs,
+        data=[run / "positions.csv" for run in runs.values()],
+        assumed_times=[key for key in times if relevant.get(key, True)],
+        settings=[
+            ("pitch", PITCH, "pitch setting", plan.responses.pitch),
+            ("mount", MOUNT, "mounting", plan.responses.mount),
+        ],
+        arcmin=factor("rad", "arcmin"),
+        finite=np.isfinite,
+    )
+
+
+def plan_lines(words: Words) -> Iterator[str]:
+    """The findings, the most important first."""
+    about = words.verdict("plan", "")
+    yield f"{words.text('lead')} {about.headline}"
+    yield from (question.words for question in about.unresolved if not question.findings)
+    yield from about.evidence
+    for number, finding in enumerate(about.found[1:], 2):
+        questions = [
+            f"{one.words}{one.reason and ': '}{one.reason}." for one in about.unresolved if number in one.findings
+        ]
+        yield " ".join([f"{finding.sentence}.", *questions])
+    yield from (f"Assumed: {assumed}. Override with {key}." for assumed, key in words.pairs("assumptions")[1:])
+
+
+def _tables(words: Words) -> dict[str, Table]:
+    """The tables that have rows, by name."""
+    first = {(0, column) for column in range(len(words.blocks["practice"][0]))}
+    tables = {
+        name: words.table(
+            name, text=text, marked=first if name in ("practice", "named") else (), folded=name == "limits"
+        )
+        for name, text in _TEXT.items()
+    }
+    return {name: table for name, table in tables.items() if table}
+
+
+@page
+def write_plan_page(path: Path, plan: DesignedPlan, words: Words) -> None:
+    """Write `plan.html`."""
+    figures = {**dict(figures_of(plan)), "small": small_figure, "small_in_use": small_use_figure}
+    write_page(
+        path,
+        words,
+        words.verdict("plan", plan.rig.source),
+        tone="named",
+        tables=_tables(words),
+        figures={name: partial(figure, plan) for name, figure in figures.items()},
+    )
+
+
+def print_plan(words: Words) -> None:
+    """Print a designed plan: findings, uncertainties, comparison, and the commands that measure it."""
+    console, tables = Console(), _tables(words)
+    print_words(console, f"\n{words.text('title')}", style="bold")
+    for line in plan_lines(words):
+        print_words(console, line)
+    for name in _PRINTED:
+        if name in tables:
+            print_words(console, "")
+            print_table(console, tables[name])
+    instruction, *commands = words.lines("next")
+    print_words(console, f"\n{instruction}")
+    for command in commands:
+        print_words(console, f"  {command}")
