@@ -102,8 +102,7 @@ def test_what_a_rig_has_fitted_is_applied(tumblecal, tmp_path, measured, command
 def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, command):
     out, rig = tmp_path / "out", rig_file(tmp_path, *SENSOR, *LEFT)
     ran = tumblecal(command, measured, "--rig", rig, "--out", out, "--no-figures")
-    heading = "Not in the calibration file "
-    listed = " ".join(ran.out.split()).partition(heading)[2]
+    listed = " ".join(ran.out.split()).partition("Not in the calibration file ")[2]
     assert all(f"{id} (up to" in listed for id in LEFT)
     content = json.loads((out / "calibration.json").read_text())
     assert [term["effect"] for term in content["terms"]] == list(SENSOR)
@@ -124,7 +123,7 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     assert several.out.count("not corrected by calibration.json: bias_drift.x (up to") == 2
 
 
-def test_a_diagnosis_warns_of_what_the_sensor_lacks(table1_fit):
+def test_a_diagnosis_warns_of_what_the_sensor_lacks():
     losses = [NotApplied("bias_drift.x", OF_RUN, 3.0, 1.0), NotApplied("index_eccentricity", OF_HEAD, 50.0, 20.0)]
     diagnosis = SimpleNamespace(calibration=SimpleNamespace(not_applied=losses))
     (words,) = lacking_of_diagnosis(diagnosis, of_sensor=True)

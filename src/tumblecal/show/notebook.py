@@ -23,7 +23,7 @@ from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
-    """The verdict, the exact fit's parameters, and the other methods in a line each."""
+    """The verdict and the exact fit's parameters."""
     screen = calibrated.exact.screen()
     headline, *reasons = verdict_of_calibration(calibrated, words_of_calibration(calibrated)).words().splitlines()
     return Screen(f"{calibrated.exact.data.source}: {headline}", screen.header, screen.rows, reasons)
