@@ -9,7 +9,7 @@ from tumblecal.report.check_words import attitudes_words
 from tumblecal.report.page import Section, page, write_page
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
-from tumblecal.show.figures.check import check_figure, limit_figure, size_figure
+from tumblecal.show.figures.check import check_figure, limits, sizes
 
 
 @page
@@ -18,9 +18,9 @@ def write_check_page(path: Path, result: CheckResult, verdict: Verdict) -> None:
     serial = result.data.serial_number or result.calibration.serial_number
     unit = f"serial number {serial}, " if serial else ""
     if len(verdict.found) > 1:
-        cards = {1: partial(size_figure, result), 2: partial(limit_figure, result)}
+        cards = {1: partial(check_figure, result, sizes), 2: partial(check_figure, result, limits)}
     else:
-        cards = {len(verdict.found): partial(check_figure, result)}
+        cards = {len(verdict.found): partial(check_figure, result, sizes, limits)}
     write_page(
         path,
         f"Check of {result.path.name}",
