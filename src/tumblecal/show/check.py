@@ -17,7 +17,7 @@ from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import decimals, rounded_together, with_decimals
 from tumblecal.ground.units import shown
-from tumblecal.show.figures.check import check_figure, limit_figure, size_figure
+from tumblecal.show.figures.check import check_figure, limits, sizes
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.verdict import Verdict
@@ -95,14 +95,14 @@ def verdict_of_check(result: CheckResult, words: Words) -> Verdict:
 def write_check_page(path: Path, result: CheckResult, words: Words) -> None:
     """Write `check.html`."""
     verdict = verdict_of_check(result, words)
-    figures = {"check": check_figure, "sizes": size_figure, "limits": limit_figure}
+    parts = {"check": (sizes, limits), "sizes": (sizes,), "limits": (limits,)}
     write_page(
         path,
         words,
         verdict,
         tone=_TONES[result.outcome],
         tables={"details": Table(("", ""), list(verdict.details), text=(0, 1))},
-        figures={name: partial(figure, result) for name, figure in figures.items()},
+        figures={name: partial(check_figure, result, *part) for name, part in parts.items()},
     )
 
 

@@ -1,9 +1,12 @@
 """Figure of an uncertainty budget: the share of each input."""
 
+from itertools import cycle
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from tumblecal.budget.budget import Budget
+from tumblecal.show.figures.drawing import COLOURS, MUTED
 from tumblecal.show.figures.panels import new_rows, with_legend
 
 
@@ -21,7 +24,9 @@ def shares_figure(budget: Budget) -> Figure:
     shares = 100 * (np.vstack([budget.type_a, budget.sizes]) / budget.combined)[:, shown] ** 2
     figure, panel = new_rows([budget.names[j] for j in shown], 0.24, "share of the variance / %")
     ends = np.cumsum(shares, axis=0)
-    for label, share, end in zip(contributions_of(budget), shares, ends, strict=True):
-        panel.barh(range(len(shown)), share, left=end - share, label=label, height=0.7)
+    for label, share, end, colour in zip(
+        contributions_of(budget), shares, ends, cycle((MUTED, *COLOURS)), strict=False
+    ):
+        panel.barh(range(len(shown)), share, left=end - share, label=label, color=colour, height=0.7)
     panel.set_xlim(0, 100)
     return with_legend(figure, 1, "outside right center")

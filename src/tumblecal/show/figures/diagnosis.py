@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 from functools import partial
+from itertools import cycle, product
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +13,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.findings.residuals import discrepancies
 from tumblecal.ground.axes import AXES
-from tumblecal.show.figures.drawing import BLUE, INK, MUTED, OUTSIDE, WIDTH, Figures, new_panels
+from tumblecal.show.figures.drawing import BLUE, INK, MUTED, OUTSIDE, Figures, new_panels
 from tumblecal.show.figures.evidence import limits_figure, models_of, noise_of, predictive_figure
 from tumblecal.show.figures.finding import finding_figure, finding_signals
 from tumblecal.show.figures.panels import new_rows, with_legend
@@ -59,16 +60,11 @@ def _groups(diagnosis: Diagnosis) -> list[Group]:
     """Residuals of the nominal model, of the extended model by run, and of excluded positions."""
     data, retained = diagnosis.data, diagnosis.extended.retained
     (name, fit), *nominal = reversed(models_of(diagnosis).items())
-    after = 1e3 * fit.residuals
+    after, run = 1e3 * fit.residuals, np.array(data.run or data.runs * len(data))
     groups = [Group(words, 1e3 * one.residuals, np.ones(len(data), bool), "o", MUTED, True) for words, one in nominal]
-    if 1 < len(data.runs) <= len(_RUN_MARKERS):
-        run = np.array(data.run)
-        groups += [
-            Group(f"{name}, run {label}", after, retained & (run == label), marker)
-            for label, marker in zip(data.runs, _RUN_MARKERS, strict=False)
-        ]
-    else:
-        groups.append(Group(name, after, retained))
+    for label, marker in zip(data.runs, cycle(_RUN_MARKERS), strict=False):
+        words = f"{name}, run {label}" if data.run else name
+        groups.append(Group(words, after, retained & (run == label), marker))
     return groups if np.all(retained) else [*groups, Group("excluded", after, ~retained, "x", OUTSIDE)]
 
 
@@ -109,21 +105,16 @@ def harmonics_figure(diagnosis: Diagnosis) -> Figure | None:
     if not sizes:
         return None
     _, _, settings, waves = (sorted(set(part)) for part in zip(*sizes, strict=True))
-    names = ["mean" if order == 0 else f"{wave[0]}{order}" for order, wave in waves]
     pitch = np.asarray(diagnosis.problem.where.index("pitch"))
     betas = [f"{diagnosis.data.pitch_setting_deg[pitch == setting][0]:g}" for setting in settings]
     height = len(found) * (0.2 * len(settings) + 0.55) + 0.75
-    figure, panels = new_panels(height, len(found), 3, WIDTH, sharex=True, sharey=True)
-    for (name, _), row in zip(found.items(), panels, strict=True):
-        for axis, panel in zip(AXES, row, strict=True):
-            cells = [[sizes.get((name, axis, setting, wave), np.inf) for wave in waves] for setting in settings]
-            _table(panel, cells)
-            panel.set_title(f"axis {axis}, {name}")
-            panel.set_xticks(range(len(waves)), names, fontsize=6.5)
-            panel.set_yticks(range(len(settings)), betas, fontsize=7)
-        row[0].set_ylabel("beta / °")
-    for panel in panels[-1]:
-        panel.set_xlabel("harmonic of alpha")
+    figure, panels = new_panels(height, len(found), 3, sharex=True, sharey=True)
+    for (name, axis), panel in zip(product(found, AXES), panels.ravel(), strict=True):
+        _table(panel, [[sizes.get((name, axis, setting, wave), np.inf) for wave in waves] for setting in settings])
+        panel.set(title=f"axis {axis}, {name}", xlabel="harmonic of alpha", ylabel="beta / °")
+        panel.label_outer()
+    panels[0, 0].set_xticks(range(len(waves)), [f"{wave[0]}{order}" if order else "mean" for order, wave in waves])
+    panels[0, 0].set_yticks(range(len(settings)), betas)
     look = {"shrink": 0.9, "aspect": 12 * len(found), "extend": "both", "label": "harmonic / standard deviation"}
     figure.colorbar(panels[0, 0].images[0], ax=panels, **look)
     return figure
@@ -142,5 +133,5 @@ def _table(panel: Axes, cells: Sequence[Sequence[float | None]]) -> None:
             panel.text(column, row, words, ha="center", va="center", fontsize=5.5, color=ink, fontweight=weight)
     panel.spines[:].set_visible(False)
     panel.grid(visible=False)
-    panel.tick_params(length=0)
+    panel.tick_params(length=0, labelsize=7)
     panel.imshow(values, aspect="auto", cmap="RdBu_r", vmin=-_RANGE, vmax=_RANGE)

@@ -37,7 +37,6 @@ Figures = Mapping[str, Callable[..., Figure | None]]
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
-    "axes.labelsize": 9,
     "date.converter": "concise",
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -53,7 +52,6 @@ STYLE: dict[Any, Any] = {
     "legend.fontsize": 7.5,
     "svg.fonttype": "path",
     "svg.hashsalt": "tumblecal",
-    "figure.dpi": 100,
     "savefig.dpi": 150,
 }
 matplotlib.rcParams.update(STYLE)

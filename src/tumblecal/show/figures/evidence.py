@@ -13,7 +13,7 @@ from tumblecal.diagnosis.findings.residuals import Check, normal_quantiles
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.units import in_words
 from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, OUTSIDE, WIDTH
-from tumblecal.show.figures.panels import Values, curve, marks, name_rows, new_rows, plain_log, with_legend
+from tumblecal.show.figures.panels import Values, dots, marks, name_rows, new_rows, plain_log, with_legend
 
 
 # Names of the statistics on the figure.
@@ -26,11 +26,6 @@ WORDS = {
 }
 # Marks end at this part of the simulated range beyond its limits.
 _EDGE = 0.35
-# Colour, words and place in a row of an axis; "": effects of the head.
-_OF_AXIS = {
-    axis: (colour, f"axis {axis}", shift)
-    for (axis, colour), shift in zip(AXIS_COLOUR.items(), (-0.24, 0.0, 0.24), strict=True)
-} | {"": (INK, "head, all axes", 0.0)}
 
 
 def models_of(diagnosis: Diagnosis) -> dict[str, Fit]:
@@ -52,7 +47,7 @@ def predictive_figure(diagnosis: Diagnosis) -> Figure:
     figure = Figure(figsize=(WIDTH, height + 4.1), layout="constrained")
     parts: Any = figure.subfigures(2, 1, height_ratios=[height + 0.9, 3.2])
     _statistics(parts[0].subplots(), dict(zip(models, (diagnosis.checks, diagnosis.checks_after), strict=False)))
-    with_legend(parts[0], 5)
+    with_legend(parts[0])
     panels = parts[1].subplots(1, len(models), squeeze=False)[0]
     for panel, (name, fit) in zip(panels, models.items(), strict=True):
         _quantiles(panel, fit, name)
@@ -60,50 +55,36 @@ def predictive_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def _statistics(panel: Axes, found: Mapping[str, Sequence[Check]]) -> None:
-    """A row for every statistic, scaled to its simulated range: 0 and 1 are the limits."""
-    looks = [(0.0, BLUE, False)] if len(found) == 1 else [(-0.2, MUTED, True), (0.2, BLUE, False)]
-    for (name, checks), (shift, colour, ring) in zip(found.items(), looks, strict=True):
-        for row, check in enumerate(checks):
-            look = (OUTSIDE, "outside the limits") if check.outside else (colour, f"measured, {name}")
-            _strip(panel, row + shift, check, *look, ring)
+    """A row for every statistic, scaled to its simulated range: 0 and 1 are the limits. Bars: 95 % and 50 % of the simulated
+    values, with their median; dots: the measured values, those far beyond the limits at the edge."""
+    looks = [(0.0, BLUE)] if len(found) == 1 else [(-0.2, MUTED), (0.2, BLUE)]
+    for (name, checks), (shift, colour) in zip(found.items(), looks, strict=True):
+        rows = np.arange(len(checks)) + shift
+        low, high, *values = np.array([(check.low, check.high, check.value, *check.quantiles) for check in checks]).T
+        at, lowest, lower, median, upper, highest = (np.array(values) - low) / np.maximum(high - low, 1e-300)
+        panel.hlines(rows, lowest, highest, color=BAND, lw=7, label="simulated: 95 %")
+        panel.hlines(rows, lower, upper, color="#cfcfcf", lw=7, label="50 %")
+        panel.plot(median, rows, "|", color=INK, ms=7)
+        outside = [check.outside for check in checks]
+        dots(panel, np.clip(at, -_EDGE, 1 + _EDGE), rows, outside, colour, f"measured, {name} (red: outside)")
+        for row, check in zip(rows, checks, strict=True):
+            words = f"{check.value:.3g}   ({check.low:.3g} to {check.high:.3g}){'  outside' if check.outside else ''}"
+            ink, place = OUTSIDE if check.outside else INK, panel.get_yaxis_transform()
+            panel.text(1.02, row, words, transform=place, va="center", fontsize=7, color=ink)
         name_rows(panel, [WORDS.get(check.name, check.name) for check in checks])
     panel.set_xticks([0, 1], ["lower limit", "upper limit"])
     panel.set_xlim(-_EDGE - 0.05, 1 + _EDGE + 0.05)
     panel.set_title("Statistics of the residuals: measured (marks), and of data simulated from the fitted model (bars)")
 
 
-def _strip(panel: Axes, height: float, check: Check, colour: str, name: str, ring: bool) -> None:
-    """One statistic: 95 % and 50 % of the simulated values as bars, their median, and the measured value, which is at the edge
-    if it is far beyond the limits."""
-    span = max(check.high - check.low, 1e-300)
-    at, lowest, low, middle, high, highest = ((value - check.low) / span for value in (check.value, *check.quantiles))
-    panel.hlines(height, lowest, highest, color=BAND, lw=7, label="simulated: 95 %")
-    panel.hlines(height, low, high, color="#cfcfcf", lw=7, label="50 %")
-    panel.plot(middle, height, "|", color=INK, ms=7)
-    face = "white" if ring else colour
-    panel.plot(np.clip(at, -_EDGE, 1 + _EDGE), height, "o", ms=6, color=colour, mfc=face, ls="none", label=name)
-    words = f"{check.value:.3g}   ({check.low:.3g} to {check.high:.3g}){'  outside' if check.outside else ''}"
-    panel.text(
-        1.02,
-        height,
-        words,
-        transform=panel.get_yaxis_transform(),
-        va="center",
-        fontsize=7,
-        color=OUTSIDE if check.outside else INK,
-    )
-
-
 def _quantiles(panel: Axes, fit: Fit, name: str) -> None:
     """Sorted residuals against normal quantiles, over the range of simulated data."""
     plot = normal_quantiles(fit)
-    outside = plot.outside
-    curve(panel, plot.normal, plot.low, plot.middle, plot.high, words="99 % of simulated data")
-    marks(panel, plot.normal[~outside], plot.measured[~outside], BLUE, "measured")
-    if np.any(outside):
-        words = f"measured, outside ({np.sum(outside)} of {len(outside)})"
-        marks(panel, plot.normal[outside], plot.measured[outside], OUTSIDE, words)
-    panel.set(title=f"Residuals of the {name}", xlabel="normal quantile", ylabel="residual / noise sd")
+    panel.fill_between(plot.normal, plot.low, plot.high, color=BAND, lw=0, label="99 % of simulated data")
+    panel.plot(plot.normal, plot.middle, color=INK)
+    dots(panel, plot.normal, plot.measured, plot.outside, BLUE, "measured")
+    title = f"Residuals, {name}: {np.sum(plot.outside)} of {len(plot.outside)} outside"
+    panel.set(title=title, xlabel="normal quantile", ylabel="residual / noise sd")
     panel.legend(loc="upper left")
 
 
@@ -119,9 +100,9 @@ def limits_figure(diagnosis: Diagnosis) -> Figure | None:
     panel.axvspan(low, 1, color="#eef5ee", lw=0)
     panel.axvline(1, color=INK, lw=0.9)
     for name, axis, sizes in found:
-        colour, words, shift = _OF_AXIS[axis]
+        colour, shift = AXIS_COLOUR.get(axis, INK), {"x": -0.24, "z": 0.24}.get(axis, 0.0)
         row, hidden = np.full(len(sizes), names.index(name) + shift), np.isnan(sizes)
-        panel.plot(sizes, row, "o-", color=colour, lw=0.8, label=words)
+        panel.plot(sizes, row, "o-", color=colour, lw=0.8, label=f"axis {axis}" if axis else "head, all axes")
         marks(panel, edge + 0 * row[hidden], row[hidden], colour, "undetectable at any size", marker="x")
     panel.set(xscale="log", xlim=(low, 1.3 * edge))
     plain_log(panel.xaxis)

@@ -6,7 +6,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -35,8 +34,8 @@ class FindingSignal(NamedTuple):
 
     - `label`: of its first cause; `axis`: number of the axis.
     - `variable`: what it is drawn against, with its unit; `across`: its values.
-    - `before`: measured minus predicted by the extended model without this cause, g; `after`: with it.
     - `curve`: points (`across`, g) of its fitted signal; empty for positions that the fit leaves out, marked by `marked`.
+    - `before`: measured minus predicted by the extended model without this cause, g; `after`: with it.
     - `size`: standard deviation of its signal in all readings over the noise.
     """
 
@@ -44,9 +43,9 @@ class FindingSignal(NamedTuple):
     axis: int
     variable: str
     across: Values
+    curve: tuple[np.ndarray, np.ndarray]
     before: Values
     after: Values
-    curve: tuple[np.ndarray, np.ndarray]
     marked: Shown
     size: float
 
@@ -61,26 +60,19 @@ def finding_signals(diagnosis: Diagnosis) -> dict[int, FindingSignal]:
 
 
 def _signal(diagnosis: Diagnosis, causes: Sequence[Cause]) -> FindingSignal:
-    fit, order = diagnosis.extended, np.arange(len(diagnosis.data))
+    fit, order, nothing = diagnosis.extended, np.arange(len(diagnosis.data)), np.zeros(0)
     marked = np.isin(order, [position for cause in causes for position in cause.left_out])
     excluded = bool(np.any(marked))
     signal = np.where(marked[:, None], fit.residuals, 0.0) if excluded else _component(diagnosis, causes)
     relative = signal / (diagnosis.level * diagnosis.problem.sd)
     axis = int(np.argmax(np.nanmean(relative**2, axis=0)))
-    size = float(np.sqrt(np.nanmean(np.nanvar(relative, axis=0))))
-    if excluded:
-        driven, before, after = (
-            ("position number", order + 1.0, (np.zeros(0), np.zeros(0))),
-            fit.residuals,
-            fit.residuals,
-        )
-    else:
+    driven = ("position number", order + 1.0, (nothing, nothing))
+    if not excluded:
         driven = _driven(diagnosis, causes[0], signal[:, axis], axis)
-        after = np.where(fit.retained[:, None], fit.residuals, np.nan)
-        before = after + signal
-    variable, across, curve = driven
-    label = causes[0].label
-    return FindingSignal(label, axis, variable, across, before[:, axis], after[:, axis], curve, marked, size)
+    after = np.where((fit.retained | marked)[:, None], fit.residuals, np.nan)[:, axis]
+    before = after if excluded else after + signal[:, axis]
+    size = float(np.sqrt(np.nanmean(np.nanvar(relative, axis=0))))
+    return FindingSignal(causes[0].label, axis, *driven, before, after, marked, size)
 
 
 def _component(diagnosis: Diagnosis, causes: Sequence[Cause]) -> OfAxes:
@@ -119,19 +111,17 @@ def _variables(diagnosis: Diagnosis, cause: Cause, axis: int, signal: Values) ->
     also at the pitch setting with the largest signal alone, NaN at the others."""
     data, inputs = diagnosis.data, diagnosis.screened.at.evaluation.inputs
     entry = diagnosis.entries.get(id_of(cause.label))
-    slow = {
-        name: known
-        for name, known in conditions(data).items()
+    slow = [
+        (name, unit, values)
+        for name, (unit, values) in conditions(data).items()
         if entry is None or any(need.startswith(name) for need in entry.needs)
-    }
+    ]
     driving = [(f"u_{AXES[k]}", "g", inputs[:, k]) for k in (axis, axis - 1, axis - 2)]
-    single = [(name, unit, values) for name, (unit, values) in slow.items()] + driving
-    yield from ((f"{name} / {unit}", values) for name, unit, values in single)
-    for (name, unit, values), (driver, _, across) in combinations(single, 2):
-        if name not in slow:
-            yield f"{name} {driver} / g²", values * across
-        elif driver not in slow:
-            yield f"({name} - mean) {driver} / {unit} g", (values - values.mean()) * across
+    yield from ((f"{name} / {unit}", values) for name, unit, values in slow + driving)
+    centred = [(f"({name} - mean)", unit, values - values.mean()) for name, unit, values in slow]
+    for (name, unit, values), (driver, last, across) in combinations(centred + driving, 2):
+        if last == "g":
+            yield f"{name} {driver} / {unit} g".replace("g g", "g²"), values * across
     yield "alpha / °", data.alpha_deg
     pitch = data.pitch_setting_deg
     largest = max(np.unique(pitch).tolist(), key=lambda setting: np.nansum(signal[pitch == setting] ** 2))
@@ -140,24 +130,21 @@ def _variables(diagnosis: Diagnosis, cause: Cause, axis: int, signal: Values) ->
 
 def _smooth(across: Values, signal: Values, *, circular: bool) -> tuple[float, tuple]:
     """Share of a signal's variance that a smooth function of a variable makes, and points of that function."""
-    centre, half = 0.5 * (across.max() + across.min()), 0.5 * np.ptp(across)
     # At most half as many coefficients as values: with as many, any signal would be a function of the variable.
-    most = len(across) // 2 - 1
+    count, most = len(across), len(across) // 2 - 1
     if most < 1 or np.ptp(signal) == 0:
         return 0.0, ()
-    degree, harmonics = min(_DEGREE, most, len(np.unique(np.round(across, 6))) - 1), min(_HARMONICS, most // 2)
-
-    def columns(values: Values) -> Float[np.ndarray, "points columns"]:
-        if circular:
-            turns = np.outer(np.radians(values), np.arange(harmonics + 1))
-            return np.hstack([np.cos(turns), np.sin(turns[:, 1:])])
-        return np.polynomial.legendre.legvander((values - centre) / half, degree)
-
-    known = columns(across)
-    coefficients, *_ = np.linalg.lstsq(known, signal)
-    remaining = np.sum((signal - known @ coefficients) ** 2) / (len(signal) - known.shape[1])
-    fine = np.linspace(across.min(), across.max(), _POINTS)
-    return 1.0 - float(remaining / np.var(signal, ddof=1)), (fine, columns(fine) @ coefficients)
+    places = np.concatenate([across, np.linspace(across.min(), across.max(), _POINTS)])
+    if circular:
+        turns = np.outer(np.radians(places), np.arange(min(_HARMONICS, most // 2) + 1))
+        columns = np.hstack([np.cos(turns), np.sin(turns[:, 1:])])
+    else:
+        degree = min(_DEGREE, most, len(np.unique(np.round(across, 6))) - 1)
+        columns = np.vander((places - across.mean()) / np.ptp(across), degree + 1)
+    coefficients, *_ = np.linalg.lstsq(columns[:count], signal)
+    smooth = columns @ coefficients
+    remaining = np.sum((signal - smooth[:count]) ** 2) / (count - len(coefficients))
+    return 1.0 - float(remaining / np.var(signal, ddof=1)), (places[count:], smooth[count:])
 
 
 def card_figures(diagnosis: Diagnosis, signals: Mapping[int, FindingSignal]) -> dict[int, Callable[[], Figure]]:

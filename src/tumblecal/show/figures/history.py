@@ -1,15 +1,16 @@
 """Control charts of a unit: one figure for each kind of parameter."""
 
+from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.units import shown
 from tumblecal.history.repeatability import Trend, UnitHistory
-from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, Figures, new_panels
+from tumblecal.show.figures.drawing import BAND, INK, MUTED, Figures, new_panels
+from tumblecal.show.figures.panels import dots
 
 
 def figures_of(history: UnitHistory) -> Figures:
@@ -25,7 +26,7 @@ def chart_figure(leaf: str, history: UnitHistory) -> Figure:
     times = [entry.when for entry in history.entries]
     dated = len(set(times)) == len(times)
     for panel, trend in zip(panels[:, 0], trends, strict=True):
-        _draw(panel, times if dated else np.arange(len(times)) + 1, trend)
+        _draw(panel, times if dated else range(1, len(times) + 1), trend)
     last = panels[-1, 0]
     last.set_xlabel("date" if dated else "result")
     if not dated:
@@ -33,13 +34,13 @@ def chart_figure(leaf: str, history: UnitHistory) -> Figure:
     return figure
 
 
-def _draw(panel: Axes, across, trend: Trend) -> None:
+def _draw(panel: Axes, across: Sequence, trend: Trend) -> None:
     """Results with their expanded uncertainty, the fitted line, and the control limits, if there are any."""
     unit, factor = shown(trend.unit)
-    across, values = np.asarray(across), factor * trend.values
-    if trend.control > 0:
-        panel.axhspan(*(factor * (trend.mean + side * trend.control) for side in (-1, 1)), color=BAND, lw=0, zorder=0)
+    values, mean, half = (factor * size for size in (trend.values, trend.mean, trend.control))
+    if half > 0:
+        panel.axhspan(mean - half, mean + half, color=BAND, lw=0, zorder=0)
     panel.plot(across, factor * trend.fitted, color=MUTED, lw=0.8)
-    panel.errorbar(across, values, factor * trend.expanded, fmt="o", color=INK, elinewidth=0.8)
-    panel.plot(across[trend.outside], values[trend.outside], "o", ms=6, color=OUTSIDE)
+    panel.errorbar(across, values, factor * trend.expanded, fmt="none", ecolor=INK, elinewidth=0.8)
+    dots(panel, across, values, trend.outside, INK)
     panel.set_ylabel(f"{trend.name} / {unit}".replace("@", "\n@"))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import ArrayLike
 
-from tumblecal.show.figures.drawing import BAND, INK, MUTED, new_panel
+from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, new_panel
 
 
 Values = Float[np.ndarray, " positions"]
@@ -32,24 +32,15 @@ def marks(
     panel.plot(across, values, marker, color=colour, mfc="none" if ring else colour, mew=0.8, ls="none", label=words)
 
 
+def dots(panel: Axes, across: ArrayLike, values: ArrayLike, outside: ArrayLike, colour: str, words: str = "") -> None:
+    """Dots; those outside a range are red."""
+    panel.scatter(across, values, s=18, c=np.where(outside, OUTSIDE, colour), label=words, zorder=3)
+
+
 def noise_band(panel: Axes, half: float, words: str | None = None, middle: float = 0.0) -> None:
     """A line, and a band about it."""
     panel.axhspan(middle - half, middle + half, color=BAND, lw=0, zorder=0, label=words)
     panel.axhline(middle, color=INK, lw=0.7)
-
-
-def curve(
-    panel: Axes,
-    across: ArrayLike,
-    low: ArrayLike,
-    middle: ArrayLike,
-    high: ArrayLike,
-    colour: str = INK,
-    words: str | None = None,
-) -> None:
-    """A curve in a band; `words`: of the band."""
-    panel.fill_between(across, low, high, color=BAND, lw=0, label=words)  # pyright: ignore[reportArgumentType]
-    panel.plot(across, middle, color=colour)
 
 
 def limit(panel: Axes, value: float) -> None:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from tumblecal.estimation import Fit
 from tumblecal.ground.units import shown
 from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, OUTSIDE, Figures, new_panels
-from tumblecal.show.figures.panels import marks, with_legend
+from tumblecal.show.figures.panels import with_legend
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 
@@ -60,10 +60,8 @@ def means_figure(study: PaperStudy) -> Figure:
         for values, look in estimates:
             panel.plot(number, (values[:, index] - study.truth[index]) / study.single_sd[index], **look)
         panel.set(title=study.names[index], ylim=(-0.8, 0.8))
-    for panel in panels[:, 0]:
-        panel.set_ylabel("error / sd of one set")
-    for panel in panels[-1]:
-        panel.set_xlabel("data sets so far")
+        panel.set(xlabel="data sets so far", ylabel="error / sd of one set")
+        panel.label_outer()
     return with_legend(figure, 5)
 
 
@@ -74,9 +72,8 @@ def audit_figure(audit: Audit, table1: Fit) -> Figure:
     position, reach = np.arange(len(table1.data)), 1.2 * np.max(np.abs([*sets.values()][:2]))
     for panel, (name, residuals) in zip(panels[:, 0], sets.items(), strict=True):
         for k, (axis, colour) in enumerate(AXIS_COLOUR.items()):
-            across, values = position + 0.22 * (k - 1), 1e3 * residuals[:, k]
-            panel.vlines(across, 0, values, color=colour)
-            marks(panel, across, values, colour, f"axis {axis}", marker=".")
+            look = {"linefmt": colour, "markerfmt": ".", "basefmt": " ", "label": f"axis {axis}"}
+            panel.stem(position + 0.22 * (k - 1), 1e3 * residuals[:, k], **look)
         panel.axhline(0, color=INK, lw=0.7)
         times = np.ceil(np.max(np.abs(residuals)) / reach)
         panel.set(ylim=(-1e3 * reach * times, 1e3 * reach * times), ylabel="mg")

@@ -6,7 +6,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.design.plan import DesignedPlan
-from tumblecal.ground.axes import AXES
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, Figures, new_panel, new_panels
 from tumblecal.show.figures.panels import marks, new_rows, plain_log, with_legend
@@ -45,10 +44,10 @@ def _by_mounting(
 
 def _force(plan: DesignedPlan) -> Float[np.ndarray, "positions 3"]:
     """Direction of the specific force in the axes of the sensor."""
-    cells, mounts = plan.cells, plan.rig.mounts
+    cells = plan.cells
     head = gravity_in_head(np.radians(cells.alpha_deg), np.radians(cells.beta_deg))
-    turns = {mount: rotation_matrix(np.radians(mounts.get(mount, (0.0, 0.0, 0.0)))) for mount in cells.mounts}
-    return np.stack([turns[mount] @ each for mount, each in zip(cells.mounts, head, strict=True)])
+    angles = [plan.rig.mounts.get(mount, (0.0, 0.0, 0.0)) for mount in cells.mounts]
+    return np.stack([rotation_matrix(turn) @ force for turn, force in zip(np.radians(angles), head, strict=True)])
 
 
 def uncertainty_figure(plan: DesignedPlan) -> Figure:
@@ -76,10 +75,10 @@ def in_use_figure(plan: DesignedPlan) -> Figure | None:
         return None
     figure, panel = new_panel(2.8, xlabel="fraction of the attitudes / %", ylabel="u of the corrected\nforce / mg")
     share = 100 * np.arange(1, len(plan.after.in_use) + 1) / len(plan.after.in_use)
-    for k, axis in enumerate(AXES):
-        panel.plot(share, 1e3 * np.sort(plan.after.in_use[:, k]), color=AXIS_COLOUR[axis], label=axis)
-        if not plan.before.uncertainties.undetermined:
-            panel.plot(share, 1e3 * np.sort(plan.before.in_use[:, k]), "--", color=AXIS_COLOUR[axis], lw=0.9)
+    for evaluated, style in ((plan.after, "-"), (plan.before, "--")):
+        if not evaluated.uncertainties.undetermined:
+            for (axis, colour), sizes in zip(AXIS_COLOUR.items(), evaluated.in_use.T, strict=True):
+                panel.plot(share, 1e3 * np.sort(sizes), style, color=colour, label=axis)
     panel.set_ylim(bottom=0)
     return with_legend(figure)
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.ground.units import shown
-from tumblecal.show.figures.drawing import COLOURS, INK, MUTED, Figures, new_panels
+from tumblecal.show.figures.drawing import BLUE, COLOURS, INK, MUTED, Figures, new_panels
 from tumblecal.show.figures.panels import limit, name_rows, plain_log, with_legend
 from tumblecal.show.study import point_words
 
@@ -91,17 +91,17 @@ def convergence_figure(content: Mapping[str, Any], frames: Frames) -> Figure:
 
 
 def needed_figure(content: Mapping[str, Any], frames: Frames) -> Figure:
-    """Data sets until the worst parameter stays below each threshold, by method."""
+    """Data sets until the worst parameter stays below each threshold, by method; beyond the study at its right end."""
     methods, sets = content["methods"], content["data_sets"]
-    # The worst parameter; numbers beyond the study are at its right end.
-    needed = frames["needed"].sort("median", "p90").with_columns(pl.col("p10", "median", "p90").clip(0, 2 * sets))
-    thresholds = sorted(set(needed["threshold"]), reverse=True)
+    worst = frames["needed"].sort("median", "p90").unique(["method", "threshold"], keep="last")
+    worst = worst.with_columns(pl.col("p10", "median", "p90").clip(upper_bound=2 * sets))
+    thresholds = sorted(set(worst["threshold"]), reverse=True)
     figure, panels = new_panels(2.8, 1, len(thresholds), 9.0, sharey=True)
     for panel, threshold in zip(panels[0], thresholds, strict=True):
-        for row, method in enumerate(methods):
-            worst = needed.filter(method=method, threshold=threshold).row(-1, named=True)
-            panel.plot([worst["p10"], worst["p90"]], [row, row], lw=3)
-            panel.plot(worst["median"], row, "o", color=INK)
+        chosen = worst.filter(threshold=threshold)
+        rows = [methods.index(method) for method in chosen["method"]]
+        panel.hlines(rows, chosen["p10"], chosen["p90"], color=BLUE, lw=3)
+        panel.plot(chosen["median"], rows, "o", color=INK)
         panel.axvline(sets, color=MUTED, lw=0.8)
         panel.set(xscale="log", title=f"below {threshold:g} (1, g, rad)", xlabel="data sets needed (10, 50, 90 %)")
         plain_log(panel.xaxis)
@@ -113,6 +113,7 @@ def linearization_figure(content: Mapping[str, Any], frames: Frames) -> Figure:
     """Bias of the linear equations against the size of the errors, with the standard deviations of data sets."""
     sd = pl.col("parameter").replace_strict(content["predicted_sd"], return_dtype=pl.Float64)
     worst = frames["biases"].group_by("case", "path", "size", maintain_order=True).agg((pl.col("rms_bias") / sd).max())
+    limits = {1 / np.sqrt(sets): f"sets: {sets}" for sets in content["study"].get("data_sets", [1, 100])}
     cases = worst.partition_by("case", maintain_order=True)
     figure, panels = new_panels(2.9, 1, len(cases), 9.0, sharey=True)
     for panel, of_case in zip(panels[0], cases, strict=True):
@@ -121,14 +122,12 @@ def linearization_figure(content: Mapping[str, Any], frames: Frames) -> Figure:
             if np.all(ratio > 1e-8):
                 panel.loglog(size, ratio, "o", color=colour, label=chosen["path"][0])
                 panel.loglog(size, ratio[0] * (size / size[0]) ** 2, "--", lw=0.8, color=colour)
-        for sets in content["study"].get("data_sets", [1, 100]):
-            sd_of_mean, words = 1 / np.sqrt(sets), f"sd of {sets} set{'s' if sets > 1 else ''}"
-            limit(panel, sd_of_mean)
-            place = {"transform": panel.get_yaxis_transform(), "ha": "right", "va": "bottom"}
-            panel.text(0.99, sd_of_mean, words, fontsize=7, **place)
+        for value in limits:
+            limit(panel, value)
         panel.set(title=f"{of_case['case'][0]} errors", xlabel="sd of the errors, mrad")
     panels[0, 0].set_ylabel("worst rms bias / sd of one set")
     panels[0, 0].legend(title="dashed: slope 2")
+    panels[0, -1].secondary_yaxis("right").set_yticks(list(limits), list(limits.values()))
     return figure
 
 

@@ -9,6 +9,7 @@ from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.units import shown
 from tumblecal.show.figures.drawing import (
     AXIS_COLOUR,
+    BAND,
     BLUE,
     CARD,
     COLOURS,
@@ -19,7 +20,7 @@ from tumblecal.show.figures.drawing import (
     new_panel,
     new_panels,
 )
-from tumblecal.show.figures.panels import curve, marks, new_rows, with_legend
+from tumblecal.show.figures.panels import marks, new_rows, with_legend
 from tumblecal.show.figures.residuals import Column, Group, residual_figure
 from tumblecal.thermal.estimates import (
     after_correction,
@@ -57,8 +58,9 @@ def parameter_figure(result: ThermalResult) -> Figure | None:
     for name, panel in zip(names, panels.ravel(), strict=False):
         k = SENSOR.index(name)
         unit, factor = shown(GROUPS[leaf_of(name)][1])
-        low, middle, high = (factor * (values + side * half)[:, k] for side in (-1, 0, 1))
-        curve(panel, degc, low, middle, high, COLOURS[k % 3])
+        middle, band = factor * values[:, k], factor * half[:, k]
+        panel.fill_between(degc, middle - band, middle + band, color=BAND, lw=0)
+        panel.plot(degc, middle, color=COLOURS[k % 3])
         _points(panel, bins.degc, factor * bins.values[:, k], bins.direction, COLOURS[k % 3])
         panel.axvline(result.reference_degc, color=MUTED, lw=0.7, ls=":")
         panel.set_title(f"{'' if known_at_reference(result, name) else 'change of '}{name} / {unit}")
@@ -69,7 +71,7 @@ def parameter_figure(result: ThermalResult) -> Figure | None:
     return with_legend(figure)
 
 
-def residual_figure_of(result: ThermalResult) -> Figure:
+def residuals_figure(result: ThermalResult) -> Figure:
     """Residuals by axis with the parameters at the reference (left) and at the temperature (right), over the noise."""
     table, direction = result.table, np.asarray(result.table.reached_by)
     noise = 2e3 * np.median(table.sd, axis=0) * result.noise_factor
@@ -122,15 +124,12 @@ def held_out_figure(result: ThermalResult) -> Figure | None:
     names = [part.label.replace(", ", "\n").replace(" degC", " °C") for part in parts]
     figure, panel = new_rows(names, 0.55, "error on held-out rows, root mean square / mg")
     rows = np.arange(len(parts))
-    before = [part.before_mg for part in parts]
     for shift, colour, words, sizes in (
-        (-0.2, MUTED, "parameters at the reference", before),
+        (-0.2, MUTED, "parameters at the reference", [part.before_mg for part in parts]),
         (0.2, BLUE, "parameters at the temperature", [part.after_mg for part in parts]),
     ):
-        bars = panel.barh(rows + shift, sizes, 0.36, color=colour, label=words)
-        panel.bar_label(bars, fmt="{:.3g}", padding=3, fontsize=7.5)
+        panel.barh(rows + shift, sizes, 0.36, color=colour, label=words)
     panel.vlines([part.noise_mg for part in parts], rows - 0.42, rows + 0.42, color=INK, lw=1.6, label="noise")
-    panel.set_xlim(0, 1.12 * max(before))
     return with_legend(figure)
 
 
@@ -176,7 +175,7 @@ def _by_direction(direction: np.ndarray) -> list[tuple]:
 
 FIGURES: Figures = {
     "parameters": parameter_figure,
-    "residuals": residual_figure_of,
+    "residuals": residuals_figure,
     "hysteresis": hysteresis_figure,
     "held_out": held_out_figure,
     "course": course_figure,

@@ -9,23 +9,19 @@ from tumblecal.show.figures.drawing import INK, OUTSIDE, new_panels
 from tumblecal.show.figures.panels import noise_band
 
 
-_MOST_PANELS = 6
-
-
 def shared_figure(found: JointDiagnosis, entries: Catalogue) -> Figure | None:
     """Estimates of the common errors by each unit; None if there are none."""
     if not found.shared:
         return None
     common = head_sizes(found, entries)
-    names = [name for signal in found.shared for name in signal.slot.names][:_MOST_PANELS]
-    estimates = [head_sizes(found, entries, number) for number in range(len(found.batch.units))]
+    names = [name for signal in found.shared for name in signal.slot.names]
     figure, panels = new_panels(1.0 + 1.5 * len(names), len(names), sharex=True)
     for name, panel in zip(names, panels[:, 0], strict=True):
         noise_band(panel, 2 * common[name]["sd"], middle=common[name]["value"])
-        for number, estimate in enumerate(estimates):
-            if (size := estimate.get(name)) is not None:
+        for number in range(len(found.batch.units)):
+            if size := head_sizes(found, entries, number).get(name):
                 face = OUTSIDE if number in found.outlying else "white"
-                panel.errorbar(number + 1, size["value"], size["sd"], fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
+                panel.errorbar(number + 1, size["value"], size["sd"], fmt="o", color=INK, mfc=face, lw=0.9)
         panel.set_ylabel(f"{name}\n{common[name]['unit']}")
     last = panels[-1, 0]
     last.locator_params(axis="x", integer=True)
