@@ -20,12 +20,11 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     outcome = tumblecal("certificate", folder, "--admin", admin, "--use-anyway")
     assert outcome.code == 0 and "use: no: implausible values of bias_x" in outcome.out
     assert "Use of the calibration: no: implausible values of bias_x." in (folder / "certificate.html").read_text()
-    # A file of an earlier version does not state its use; the result beside it does.
+    # A file that does not state its use: the result in its folder does.
     stated = json.loads((folder / "calibration.json").read_text())
     (folder / "calibration.json").write_text(json.dumps({k: own for k, own in stated.items() if k != "use"}))
     outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and "result.json: implausible: bias_x: no certificate for" in outcome.lines[0]
-    assert "[usual] in a rig; priors; the head" in outcome.lines[0]
+    assert outcome.code == 2 and "result.json: judgement: Do not use it" in outcome.lines[0]
     # Whose items have such a bias says so, and gets the certificate.
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "1 g"\n')
     folder = calibrated_as(np.array([0.8, 0.0, 0.0]), "--noise-sd", "0.1mg", "--rig", rig)

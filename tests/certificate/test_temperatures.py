@@ -84,7 +84,7 @@ def test_the_reference_temperature_is_the_default(tumblecal, folder, admin):
     ("of", "text", "words"),
     [
         (".", "25,61", "--temperatures: 61 degC is outside the measured -10 to 60 degC of "),
-        (".", "25;30", "write temperatures in degC separated by commas, such as 0,25,60"),
+        (".", "25;30", "write numbers, such as 0,25,60"),
         ("flat", "25", "flat/calibration.json: its parameters do not follow temperature; remove --temperatures"),
     ],
 )

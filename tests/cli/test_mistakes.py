@@ -139,7 +139,7 @@ MISTAKES = {
         "contradict each other",
     ),
     "an effect of no size": ("plan head.toml --effects second_order.z=0mg/g^2 --out x", "must be above 0"),
-    "prior on nothing": ("calibrate good.csv --prior warp=1mrad", "no parameter 'warp'"),
+    "prior on nothing": ("calibrate good.csv --prior warp=1mrad", "--prior warp: no such parameter; parameters: "),
     "prior without noise": ("calibrate good.csv --prior dbeta=3arcmin", "a prior needs a stated noise"),
     "fixed nothing": ("calibrate good.csv --fix warp", "--fix warp: no such parameter"),
     "study not writable": ("reproduce --out /proc/study", "/proc/study: cannot write to this folder"),
@@ -174,7 +174,10 @@ MISTAKES = {
     "workers of none": ("diagnose good.csv --workers 0", "--workers. Must be >= 1"),
     "units and joined files": ("diagnose good.csv result.json --units --join", "--units treats each file as a differe"),
     "units and a head": ("diagnose good.csv result.json --units --head x", "give it without --join and --head"),
-    "calibration and recording exchanged": ("check good.csv cal.json", "good.csv and cal.json are exchanged: the cali"),
+    "calibration and recording exchanged": (
+        "check good.csv cal.json",
+        "cal.json: this is a calibration, not a recording",
+    ),
     "a calibration for a recording": (
         "check cal.json cal.json",
         "cal.json: this is a calibration, not a recording; give",

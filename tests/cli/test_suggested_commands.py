@@ -57,6 +57,11 @@ STATED = {
     "--mount": "B",
     "--port": "/dev/ttyUSB0",
     "--wait": "9",
+    "--plan": "plan.toml",
+    "--table": "files of the run.csv",
+    "--by": "part",
+    "--u-gravity": "1e-6",
+    "--repeatability": "bias=0.3 mg",
 }
 
 

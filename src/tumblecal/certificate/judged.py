@@ -7,12 +7,6 @@ from tumblecal.data.result_records import result_of
 from tumblecal.ground.errors import InputError
 
 
-_REMEDY = (
-    "correct the measurement, or the statements on it (usual sizes: [usual] in a rig; priors; the head), and calibrate "
-    "again"
-)
-
-
 def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = False) -> str:
     """Reservations about the calibration of a folder, in words for its certificate; "" if there are none.
 
@@ -30,12 +24,6 @@ def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = Fa
     path, result = found
     judged = result.judgement
     headline = "" if judged.tone == "good" else judged.headline
-    if not use_anyway and result.implausible:
-        named = ", ".join(listed.parameter for listed in result.implausible)
-        raise InputError(
-            f"{path}: implausible: {named}: no certificate for a calibration with values far outside the usual range; "
-            f"{_REMEDY}"
-        )
     if judged.refused and not use_anyway:
         raise InputError(f"{path}: judgement: {judged.headline} No certificate is written; {judged.advice}")
     words = [f"Judgement of the calibration: {headline}"] if headline else []

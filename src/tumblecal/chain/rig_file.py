@@ -13,6 +13,7 @@ from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan_table import PlanTable
 from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.chain.rig_temperature import TemperatureTable, rig_temperature
+from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.examples import file_or_example
 from tumblecal.ground.option_texts import faults_of, sizes
@@ -180,7 +181,7 @@ def unit_in(units: Mapping[str, str]) -> Callable[[str], str]:
     def unit_of(name: str) -> str:
         unit = unit_of_parameter(name, units)
         if unit is None:
-            raise InputError(f"no such parameter; {_near(name, units)}")
+            raise InputError(f"no such parameter; parameters: {shortened([*units], 10)}")
         return unit
 
     return unit_of

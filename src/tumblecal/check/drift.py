@@ -94,8 +94,6 @@ def process_noise(
 
     **Raises:** `InputError` for a drift without a time.
     """
-    if months is not None and not 0 <= months < 1200:
-        raise InputError(f"--months {months:g}: a number from 0 to 1200")
     between = months_between(calibration, data, datetime.now(UTC)) if months is None else months
     if rates:
         if between is None:

@@ -21,7 +21,14 @@ from tumblecal.check.usual_changes import FACTORS, USUAL
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import WITH_TERMS
 from tumblecal.data.calibration_use import YES, Use, combined
-from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, leaf_of, triad_of
+from tumblecal.data.sensor_parameters import (
+    SENSOR,
+    UNITS,
+    SensorParameters,
+    correction_slope,
+    leaf_of,
+    triad_of,
+)
 from tumblecal.data.temperature_curves import order_of_covariance
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import p_words
@@ -49,9 +56,8 @@ def freed_names(listed: Collection[str]) -> tuple[str, ...]:
 
     **Raises:** `InputError` for an unknown one.
     """
-    for name in listed:
-        if name not in SENSOR and name not in {leaf_of(each) for each in SENSOR}:
-            raise InputError(f"--free {name}: no such parameter; parameters: dK, bias, gamma, {', '.join(SENSOR)}")
+    if unknown := {*listed} - {*UNITS}:
+        raise InputError(f"--free {min(unknown)}: no such parameter; parameters: {', '.join(UNITS)}")
     return tuple(name for name in SENSOR if name in listed or leaf_of(name) in listed)
 
 
@@ -88,7 +94,12 @@ def updated(test: Consistency, process: ProcessNoise, freed: Collection[str], re
     )
     before = tested(shifted, prior, noise_dof=test.noise_dof, shared=test.shared)
     if before.rejected:
-        raise InputError(_rejected_words(before, freed))
+        free = f" even with {', '.join(freed)} free" if freed else ""
+        raise InputError(
+            f"--update: the recording contradicts the calibration{free} ({p_words(before.p_value)}), so it is not updated: an "
+            "update would mix a changed sensor with its old calibration; state the parameters that changed with --free, or "
+            "calibrate again"
+        )
     rows, slope = before.observation, prior.slope
     along = rows.by_state(slope)
     total = np.eye(len(rows.innovation)) + along @ prior.covariance @ along.T
@@ -105,18 +116,6 @@ def updated(test: Consistency, process: ProcessNoise, freed: Collection[str], re
     old = test.expected.calibration.sensor.of(SENSOR)
     ratio = np.sqrt(np.diag(covariance)[:9] / np.diag(test.expected.covariance)[:9])
     return Update(before, calibration, sensor.values - old.values, sensor.sd, ratio)
-
-
-def _rejected_words(before: Consistency, freed: Collection[str]) -> str:
-    if freed:
-        return (
-            f"--update: the recording contradicts the calibration even with {', '.join(freed)} free "
-            f"({p_words(before.p_value)}), so it is not updated; free the parameters that changed, or calibrate again"
-        )
-    return (
-        f"--update: the recording contradicts the calibration ({p_words(before.p_value)}), so it is not updated: an update "
-        "would mix a changed sensor with its old calibration; state the parameter that changed with --free, or calibrate again"
-    )
 
 
 def _calibration(

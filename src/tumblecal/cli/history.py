@@ -90,10 +90,11 @@ def history(
     limits = _limits(criteria)
     _add(database, added)
     entries = listed(database)
-    if serial is None and files is None:
+    if files is None:
         _warn(database, entries)
-        _list(database, entries)
-        return 0
+        if serial is None:
+            _list(database, entries)
+            return 0
     units = sorted({entry.serial for entry in entries if not entry.damaged} - {""})
     if serial is not None and serial not in units:
         raise InputError(
@@ -202,13 +203,13 @@ def _list(database: Path, entries: "Sequence[Entry]") -> None:
 
     print(listed(entries))
     serials = [entry.serial for entry in entries if not entry.damaged]
-    units, nameless = {*serials} - {""}, serials.count("")
-    count = [f"{counted(len(serials) - nameless, 'result')} of {counted(len(units), 'unit')}"] if units else []
-    if nameless or not units:
-        count.append(
-            f"{counted(nameless, 'result')} without a serial number (no unit; state `# serial_number:` in the data)"
-        )
-    print(f"{'; '.join(count)}; one unit: {suggested('history', database, 'SERIAL')}")
+    named, nameless = [serial for serial in serials if serial], serials.count("")
+    of_units = named and f"{counted(len(named), 'result')} of {counted(len({*named}), 'unit')}"
+    of_none = nameless and (
+        f"{counted(nameless, 'result')} without a serial number (no unit; state `# serial_number:` in the data)"
+    )
+    count = "; ".join(filter(None, (of_units, of_none))) or "no results"
+    print(f"{count}; one unit: {suggested('history', database, 'SERIAL')}")
 
 
 def _evaluate(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:

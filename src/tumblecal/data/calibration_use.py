@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.ground.errors import InputError, one_line
@@ -179,16 +179,6 @@ YES = Use("yes")
 NOT_STATED = Use()
 
 
-def _of_earlier_version(record: Any) -> Any:
-    """Earlier versions stated the size of a known systematic error as `size_g`, with any answer."""
-    if isinstance(record, dict) and record.get("size_g"):
-        reason = (
-            "an earlier version stated a systematic error that is not in the calibration; calibrate or diagnose again"
-        )
-        return {"answer": "no", "reason": "; ".join(filter(None, [record.get("reason"), reason]))}
-    return record
-
-
 def _consistent(use: Use) -> Use:
     """Reject an answer without its limits, or with those of a different answer."""
     degc, answer = use.temperature_degc, use.answer
@@ -203,4 +193,4 @@ def _consistent(use: Use) -> Use:
     return use
 
 
-StatedUse = Annotated[Use, BeforeValidator(_of_earlier_version), AfterValidator(_consistent)]
+StatedUse = Annotated[Use, AfterValidator(_consistent)]

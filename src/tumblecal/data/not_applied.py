@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 # The keys of `provenance`: the ids alone, and ids with reason and size.
 IDS, LOSSES = "not_applied", "losses"
 _LACKING = "not in this calibration"
-_EARLIER = "this file, of an earlier version, does not state why"
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,5 @@ def use_lines(calibration: "Calibration") -> list[str]:
 
 
 def not_applied(provenance: Mapping[str, Any]) -> list[NotApplied]:
-    """The omitted corrections in the provenance of a calibration; earlier versions state effects without reason and size."""
-    listed = [NotApplied(**loss) for loss in provenance.get(LOSSES, [])]
-    ids = {loss.effect for loss in listed}
-    return [*listed, *(NotApplied(id, _EARLIER) for id in provenance.get(IDS, []) if id not in ids)]
+    """The omitted corrections in the provenance of a calibration."""
+    return [NotApplied(**loss) for loss in provenance.get(LOSSES, [])]

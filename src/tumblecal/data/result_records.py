@@ -31,12 +31,6 @@ class StatedJudgement(Record):
     refused: Flag = False
 
 
-class StatedImplausible(Record):
-    """A parameter with a value far outside the usual range."""
-
-    parameter: Text
-
-
 class ResultFile(Record):
     """`result.json`."""
 
@@ -47,7 +41,6 @@ class ResultFile(Record):
     rms_g: Finite | None = _at("noise", "rms_g")
     p_value: Finite | None = _at("noise", "chi2_p_value")
     judgement: StatedJudgement = StatedJudgement()
-    implausible: list[StatedImplausible] = Field(default_factory=list)
 
     @property
     def outcome(self) -> str:
@@ -67,7 +60,6 @@ class DiagnosisFile(Record):
     rms_g: Finite | None = _at("sigma_g")
     p_value: Finite | None = _at("detection", "p_value")
     judgement: StatedJudgement = StatedJudgement()
-    implausible: list[StatedImplausible] = Field(default_factory=list)
 
     @property
     def outcome(self) -> str:

@@ -10,7 +10,6 @@ import errno
 import fnmatch
 import json
 import os
-import re
 import shutil
 import time
 from collections.abc import Iterator, Sequence
@@ -20,7 +19,7 @@ from pathlib import Path
 
 from tumblecal.ground.atomic import place_of, to_disk, writable_folder, written_aside
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.folder_lock import held, is_held, remove_unlocked
+from tumblecal.ground.folder_lock import held, is_held
 from tumblecal.ground.unwritable import unwritable_as_fault
 
 
@@ -45,7 +44,7 @@ def result_set(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """
     writable_folder(folder)
     with held(folder), _named_as(folder):
-        finish(folder, names)
+        finish(folder)
         for path in _earlier(folder, names):
             place_of(path)  # rejected here, before the work, if it is read-only
         aside = folder / _UNFINISHED
@@ -65,13 +64,8 @@ def result_set(folder: Path, names: Sequence[str]) -> Iterator[Path]:
             raise
 
 
-def finish(folder: Path, names: Sequence[str] = ()) -> None:
-    """Complete a valid set of a killed process, and remove unfinished files of such processes.
-
-    **Arguments:**
-
-    - `names`: of files that earlier versions wrote separately under temporary names.
-    """
+def finish(folder: Path) -> None:
+    """Complete a valid set of a killed process, and remove unfinished files of such processes."""
     whole, moving = folder / _WHOLE, folder / _MOVING
     if whole.is_dir():
         for path in _earlier(folder, json.loads((whole / _EARLIER).read_text("utf-8"))):
@@ -85,9 +79,6 @@ def finish(folder: Path, names: Sequence[str] = ()) -> None:
         to_disk(folder)
         shutil.rmtree(moving)
     shutil.rmtree(folder / _UNFINISHED, ignore_errors=True)
-    for path in _matching(folder, [f".{name}.*" for name in names]):
-        if re.fullmatch(r"\..+\.[0-9a-f]{8}(\.unfinished)?(\.\w+)?", path.name):
-            remove_unlocked(path)
 
 
 def final_place(path: Path) -> Path:
@@ -121,18 +112,14 @@ def require_whole(path: Path) -> None:
 
 
 def _earlier(folder: Path, names: Sequence[str]) -> list[Path]:
-    """The files of the existing set, by the patterns of their names."""
-    return [path for path in _matching(folder, names) if path.is_file() or path.is_symlink()]
-
-
-def _matching(folder: Path, patterns: Sequence[str]) -> Iterator[Path]:
-    """The paths of each pattern of a name, in a folder or its subfolders; each folder is listed once."""
-    listed: dict[str, list[str]] = {}
-    for parent, pattern in map(os.path.split, patterns):
+    """The files of the existing set, by the patterns of their names; each folder is listed once."""
+    listed, found = dict[str, list[str]](), list[Path]()
+    for parent, pattern in map(os.path.split, names):
         if parent not in listed:
             with suppress(FileNotFoundError, NotADirectoryError):
                 listed[parent] = sorted(os.listdir(folder / parent))
-        yield from (folder / parent / name for name in fnmatch.filter(listed.get(parent, ()), pattern))
+        found += [folder / parent / name for name in fnmatch.filter(listed.get(parent, ()), pattern)]
+    return [path for path in found if path.is_file() or path.is_symlink()]
 
 
 def _state_earlier(folder: Path, aside: Path, names: Sequence[str]) -> bool:

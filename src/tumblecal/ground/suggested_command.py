@@ -14,20 +14,9 @@ from tumblecal.ground.result_set import final_place
 
 _MODEL = ("--rig", "--noise-sd", "--prior", "--fix", "--head", "--gravity", "--columns", "--effects", "--attitudes")
 _RECORDING = (
-    *(
-        "--columns",
-        "--rows",
-        "--unit",
-        "--gyro-unit",
-        "--time-unit",
-        "--scale",
-        "--offset",
-        "--signed",
-        "--decimal",
-        "--rate",
-    ),
-    *("--topic", "--protocol", "--range-g"),
-)
+    "--columns", "--rows", "--unit", "--gyro-unit", "--time-unit", "--scale", "--offset", "--signed", "--decimal", "--rate",
+    "--topic", "--protocol", "--range-g",
+)  # fmt: skip
 # Options with a value that commands share. The --gravity of apply is that of a different site.
 SHARED = {
     "calibrate": _MODEL,
@@ -37,11 +26,11 @@ SHARED = {
     "import": (*_RECORDING, "--gravity"),
     "apply": _RECORDING,
     "check": (
-        *(*_RECORDING, "--gravity", "--run", "--mount", "--rig", "--prior", "--noise-sd"),
-        *("--plan", "--table", "--by", "--u-gravity", "--repeatability"),
+        *_RECORDING, "--gravity", "--run", "--mount", "--rig", "--prior", "--noise-sd", "--plan", "--table", "--by",
+        "--u-gravity", "--repeatability",
     ),
     "capture": ("--port", "--wait"),
-}
+}  # fmt: skip
 # Options without a value.
 _FLAGS = {"check": ("--static", "--means", "--other-unit", "--extrapolate", "--use-anyway")}
 _OF_RECORDINGS = ("reduce", "import", "apply", "check")

@@ -1,17 +1,14 @@
 """SHA-256 of each part of an entry, written with the entry and verified when it is read.
 
-A part is the row of the entry, its parameters, or one of its documents. Entries of earlier versions have no checksums until
-this version adds a result. Until then the key of the entry, a SHA-256 of its documents and of four columns, is verified.
+A part is the row of the entry, its parameters, or one of its documents. The entries of a file without checksums get them when a
+result is added.
 """
 
 import hashlib
-import json
 import sqlite3
-import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 
-# A separate table: earlier versions read and write the same file, and do not use it.
 _TABLE = """CREATE TABLE checksum (
     number INTEGER NOT NULL, part TEXT NOT NULL, sha256 TEXT NOT NULL, PRIMARY KEY (number, part))"""
 ROW, PARAMETERS = "its row", "its parameters"
@@ -20,16 +17,6 @@ _QUERIES = {
     ROW: f"SELECT {COLUMNS} FROM entry WHERE number = ?",
     PARAMETERS: "SELECT names, estimate, covariance FROM parameters WHERE number = ?",
 }
-
-
-def key_of(
-    kind: object, serial: object, source: object, sha256: object, date_utc: object, documents: Mapping[str, str]
-) -> str:
-    """The identity of an entry: its documents, or its date if it has none."""
-    content = [kind, serial, source, sha256, *sorted(documents.items())]
-    if not documents:
-        content.append(date_utc)
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 def checksum(part: str, values: Sequence[object]) -> str:
@@ -42,26 +29,22 @@ def checksum(part: str, values: Sequence[object]) -> str:
 
 
 def has_checksums(database: sqlite3.Connection) -> bool:
-    """Whether this version, or a later one, has written to the file."""
+    """Whether the file has checksums."""
     return bool(database.execute("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'checksum'").fetchone())
 
 
 def ready(database: sqlite3.Connection) -> None:
-    """Create the table of checksums if it is missing, within the open transaction.
-
-    Entries of earlier versions get checksums, except those that contradict their keys.
-    """
+    """Create the table of checksums of all entries if it is missing, within the open transaction."""
     if not has_checksums(database):
         database.execute(_TABLE)
         for (number,) in database.execute("SELECT number FROM entry").fetchall():
-            if _agrees_with_key(database, number):
-                state(database, number)
+            state(database, number)
 
 
 def state(database: sqlite3.Connection, number: int) -> None:
     """Write the checksums of an entry in the file, within the open transaction."""
-    for part in (*_QUERIES, *_documents(database, number)):
-        if (values := _columns(database, number, part)) is not None:
+    for part in (*_QUERIES, *document_names(database, number)):
+        if (values := columns(database, number, part)) is not None:
             row = (number, part, checksum(part, values))
             database.execute("INSERT OR REPLACE INTO checksum VALUES (?, ?, ?)", row)
 
@@ -69,16 +52,11 @@ def state(database: sqlite3.Connection, number: int) -> None:
 def damaged_parts(database: sqlite3.Connection, number: int, parts: Iterable[str] = ()) -> list[str]:
     """The damaged or missing parts of an entry, among the given parts or among all."""
     if not has_checksums(database):
-        return [] if _agrees_with_key(database, number) else [_BY_KEY]
+        return []
     query = "SELECT part, sha256 FROM checksum WHERE number = ?"
     stated, wanted = dict(database.execute(query, (number,)).fetchall()), set(parts)
-    if not stated:  # from an earlier version, which may have written later than this one
-        return [] if _agrees_with_key(database, number) else [_BY_KEY]
     compared = [part for part in stated if not wanted or part in wanted]
     return [part for part in compared if not _unchanged(database, number, part, stated[part])]
-
-
-_BY_KEY = "its row or a document"
 
 
 def numbers(database: sqlite3.Connection) -> list[int]:
@@ -99,32 +77,19 @@ def faults(database: sqlite3.Connection) -> Iterator[str]:
 
 def _unchanged(database: sqlite3.Connection, number: int, part: str, stated: object) -> bool:
     try:
-        values = _columns(database, number, part)
+        values = columns(database, number, part)
     except sqlite3.DatabaseError:  # its page is damaged
         return False
     return values is not None and checksum(part, values) == stated
 
 
-def _columns(database: sqlite3.Connection, number: int, part: str) -> tuple | None:
+def columns(database: sqlite3.Connection, number: int, part: str) -> tuple | None:
     """The columns of a part of an entry; None if it does not exist."""
     if part in _QUERIES:
         return database.execute(_QUERIES[part], (number,)).fetchone()
     return database.execute("SELECT content FROM document WHERE number = ? AND name = ?", (number, part)).fetchone()
 
 
-def _documents(database: sqlite3.Connection, number: int) -> list[str]:
+def document_names(database: sqlite3.Connection, number: int) -> list[str]:
+    """The names of the files of an entry."""
     return [name for (name,) in database.execute("SELECT name FROM document WHERE number = ?", (number,)).fetchall()]
-
-
-def _agrees_with_key(database: sqlite3.Connection, number: int) -> bool:
-    """Whether documents, kind, serial number, source and its checksum agree with the key of the entry."""
-    try:
-        row = _columns(database, number, ROW)
-        if row is None:
-            return False
-        contents = {name: (_columns(database, number, name) or (b"",))[0] for name in _documents(database, number)}
-        documents = {name: zlib.decompress(content).decode("utf-8") for name, content in contents.items()}
-        _, key, kind, serial, date_utc, source, sha256, *_ = row
-        return key == key_of(kind, serial, source, sha256, date_utc, documents)
-    except (sqlite3.DatabaseError, zlib.error, ValueError, TypeError):
-        return False

@@ -4,6 +4,7 @@ Several processes can write at the same time (each waits for the others). If one
 """
 
 import contextlib
+import hashlib
 import json
 import math
 import os
@@ -106,9 +107,7 @@ def documents(path: Path, number: int) -> dict[str, str]:
     """The files of an entry, except damaged ones."""
     with _open(path) as database:
         damaged = checksums.damaged_parts(database, number)
-        names = [
-            name for (name,) in database.execute("SELECT name FROM document WHERE number = ?", (number,)).fetchall()
-        ]
+        names = checksums.document_names(database, number)
         return _packed(database, number, [name for name in names if name not in damaged])
 
 
@@ -180,8 +179,7 @@ def _with_parameters(database: sqlite3.Connection, entry: Entry) -> Entry:
     if damaged:
         return replace(entry, damaged=", ".join(damaged))
     try:
-        query = "SELECT names, estimate, covariance FROM parameters WHERE number = ?"
-        row = database.execute(query, (number,)).fetchone()
+        row = checksums.columns(database, number, PARAMETERS)
         parameters = None if row is None else _parameters(*row)
         documents = _packed(database, number, (*_WITH_DOF, _BUDGET))
         combined = _BUDGET in documents
@@ -217,7 +215,11 @@ def _parameters(names: str, values: bytes, covariance: bytes) -> "SensorParamete
 
 
 def _key(entry: Entry) -> str:
-    return checksums.key_of(entry.kind, entry.serial, entry.source, entry.sha256, entry.date_utc, entry.documents)
+    """The identity of an entry: its documents, or its date if it has none."""
+    content = [entry.kind, entry.serial, entry.source, entry.sha256, *sorted(entry.documents.items())]
+    if not entry.documents:
+        content.append(entry.date_utc)
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 @contextlib.contextmanager

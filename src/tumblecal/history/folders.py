@@ -27,8 +27,8 @@ from tumblecal.ground.text_file import read_text
 from tumblecal.history.entry import USE, WHEN, Entry
 
 
-# Documents of each kind of result; calibration.json may be in the same folder.
-KINDS = {RESULT: "calibration", DIAGNOSIS: "diagnosis", CHECK: "check"}
+# The document of each kind of result; calibration.json may be in the same folder.
+DOCUMENTS = {"calibration": RESULT, "diagnosis": DIAGNOSIS, "check": CHECK}
 
 
 def entries_of(folder: Path) -> list[Entry]:
@@ -36,9 +36,11 @@ def entries_of(folder: Path) -> list[Entry]:
 
     **Raises:** `InputError` for a folder without results.
     """
-    kinds = [kind for name, kind in KINDS.items() if (folder / name).is_file()]
+    kinds = [kind for kind, name in DOCUMENTS.items() if (folder / name).is_file()]
     if not kinds:
-        raise InputError(f"{folder}: no {' or '.join(KINDS)}; give an output folder of calibrate, diagnose or check")
+        raise InputError(
+            f"{folder}: no {' or '.join(DOCUMENTS.values())}; give an output folder of calibrate, diagnose or check"
+        )
     return [of_folder(folder, kind) for kind in kinds]
 
 
@@ -51,7 +53,7 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
 
     **Raises:** `InputError` if the folder has no such result.
     """
-    name = next(name for name, of_kind in KINDS.items() if of_kind == kind)
+    name = DOCUMENTS[kind]
     if name == CHECK:
         return _of_check(folder / name, serial)
     documents = {name: read_text(folder / name, "JSON")}
@@ -95,7 +97,7 @@ def _of_check(path: Path, serial: str | None) -> Entry:
     """The entry of a check: it has no parameters, so it is on no chart."""
     result = read_record(path, CheckFile, REMEDY)
     return Entry(
-        kind=KINDS[CHECK],
+        kind="check",
         serial=serial or result.serial_number or "",
         date_utc=_date(path, result.measured_utc),
         source=result.source,
