@@ -66,8 +66,7 @@ def calibrate(
                 from tumblecal.report.calibration_figures import draw_calibration
                 from tumblecal.show.calibration import write_calibration_page
 
-                draw_calibration(aside, made)
-                write_calibration_page(aside / "calibration.html", made, words)
+                write_calibration_page(aside / "calibration.html", made, words, draw_calibration(aside, made))
         add_to_history(more.history, folder, "calibration", made.exact.data.serial_number)
         command.warn(made.exact.data.source, words.lines("warnings"))
         row = calibration_row(file, made)
