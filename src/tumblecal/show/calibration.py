@@ -12,14 +12,12 @@ from tumblecal.chain import followings_of
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.position_comments import identity_words
 from tumblecal.data.source_of import source_of
-from tumblecal.estimation.curves_of_fit import reported
+from tumblecal.estimation.curves_of_fit import Reported, reported
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.noise_level import UNLIKELY
 from tumblecal.estimation.plausibility import implausible_words
-from tumblecal.ground.numbers_shown import rounded
-from tumblecal.ground.units import shown
 from tumblecal.lab.judgements import remedy_words
 from tumblecal.lab.limits import NO_GRAVITY
 from tumblecal.lab.record import STRONG_CORRELATION, calibration_of, strong_correlations
@@ -40,7 +38,8 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
     """The words of a calibration; `file`: its `calibration.json`, for suggested commands."""
     exact, entries = calibrated.exact, calibrated.entries
     data, chain, where = exact.data, exact.problem.chain, exact.problem.where
-    remedy = remedy_words(exact)
+    stated, remedy = reported(exact), remedy_words(exact)
+    differences = _differences(calibrated, stated)
     advice = [*(each.advice for each in calibrated.judgements), f"{remedy}." if remedy else ""]
     parts = [command_at_end(words) for words in advice]
     thermal = any("reference_degc" in form for effect in effects_in(chain, where, entries) for form in effect.forms)
@@ -65,10 +64,13 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
         lacking_of_sensor=list(lacking_of_fit(exact, entries, of_sensor=True)),
         no_gravity=NO_GRAVITY,
         unlikely=UNLIKELY,
-        farthest=[
-            (name, *max((abs(size), parameter) for parameter, size in sizes.items()))
-            for name, sizes in _differences(calibrated).items()
-        ],
+        estimates=zip(stated.names, stated.units, stated.values, stated.sd, strict=True),
+        differences=differences,
+        farthest={
+            name: max((abs(size), parameter) for parameter, size in sizes.items())
+            for name, sizes in differences.items()
+            if sizes
+        },
         titles=TITLES,
         pairs=strong_correlations(exact),
         strong=STRONG_CORRELATION,
@@ -87,7 +89,7 @@ def verdict_of_calibration(calibrated: Calibrated, words: Words) -> Verdict:
 
 def calibration_text(calibrated: Calibrated, words: Words, width: int = WIDTH) -> str:
     """The parameters and the verdict for a terminal."""
-    lines = [line for part in _parameters(calibrated).parts(width) for lines in part for line in lines]
+    lines = [line for part in _parameters(words).parts(width) for lines in part for line in lines]
     return "\n".join([*lines, "", *verdict_lines(verdict_of_calibration(calibrated, words), width)])
 
 
@@ -96,7 +98,7 @@ def write_calibration_page(path: Path, calibrated: Calibrated, words: Words, dra
     """Write the page; `drawn`: SVG texts by the names of their files."""
     applied = _applied(calibrated)
     tables = {name: Table(("", ""), words.pairs(name), text=(0, 1)) for name in ("details", "provenance")}
-    tables["parameters"] = _parameters(calibrated)
+    tables["parameters"] = _parameters(words)
     if applied is not None:
         tables["matrix"] = Table(("", "matrix A_x", "A_y", "A_z", "bias / mg"), applied.rows)
     write_page(
@@ -111,42 +113,22 @@ def write_calibration_page(path: Path, calibrated: Calibrated, words: Words, dra
     )
 
 
+def _parameters(words: Words) -> Table:
+    header, *rows = words.blocks["parameters"]
+    return Table(header, rows, text=(0, 4))
+
+
 def _applied(calibrated: Calibrated) -> Calibration | None:
     """The calibration of the exact fit, if its file is written."""
     exact = calibrated.exact
     return calibration_of(exact, calibrated.entries) if exact.code.good and one_sensor(exact) else None
 
 
-def _parameters(calibrated: Calibrated) -> Table:
-    """The exact fit, and the differences of the other methods from it."""
-    exact, factor_95, differences = (
-        reported(calibrated.exact),
-        calibrated.exact.coverage_factor(),
-        _differences(calibrated),
-    )
-    rows = []
-    for name, unit, value, u in zip(exact.names, exact.units, exact.values, exact.sd, strict=True):
-        unit, factor = shown(unit)
-        sizes = [of_method.get(name) for of_method in differences.values()]
-        cells = ["-" if size is None else f"{size:+{'.3f' if abs(size) < 100 else '.3g'}}" for size in sizes]
-        rows.append([name, *rounded(value * factor, u * factor, factor_95 * u * factor), unit, *cells])
-    header = (
-        "parameter",
-        "value",
-        "u",
-        "U (95 %)",
-        "unit",
-        *(f"{TITLES[name]} -\nexact / u" for name in differences),
-    )
-    return Table(header, rows, text=(0, 4))
-
-
-def _differences(calibrated: Calibrated) -> dict[str, dict[str, float]]:
+def _differences(calibrated: Calibrated, exact: Reported) -> dict[str, dict[str, float]]:
     """The other methods minus the exact fit, in standard uncertainties of that, by method and parameter."""
-    exact = reported(calibrated.exact)
-    known = {name: (value, u) for name, value, u in zip(exact.names, exact.values, exact.sd, strict=True) if u > 0}
+    known = [item for item in zip(exact.names, exact.values, exact.sd, strict=True) if item[2] > 0]
     return {
-        method: {name: float(fit.value(name) - value) / u for name, (value, u) in known.items() if name in fit.names}
+        method: {name: float(fit.value(name) - value) / u for name, value, u in known if name in fit.names}
         for method, fit in calibrated.fits.items()
         if method != "exact"
     }

@@ -7,8 +7,6 @@ from tumblecal.estimation.contradicted import dof_of_readings
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.ground.gravity import normal_gravity
-from tumblecal.ground.numbers_shown import rounded
-from tumblecal.ground.units import in_words, shown
 from tumblecal.show.words import Words, words_of
 
 
@@ -46,7 +44,7 @@ def fit_words(fit: Fit, level: ContradictedLevel | None = None) -> Words:
         "fit",
         fit=fit,
         level=level,
-        values=[_value(fit, name) for name in SENSOR if name in fit.names],
+        sensor=[name for name in SENSOR if name in fit.names],
         freedom=dof_of_readings(fit),
         unlikely=UNLIKELY,
         pooled=pooled,
@@ -58,11 +56,3 @@ def fit_words(fit: Fit, level: ContradictedLevel | None = None) -> Words:
         angles=len(np.unique(data.beta_deg[read])),
         many=count if count > _MANY and count * _ROWS_EACH > len(data) else 0,
     )
-
-
-def _value(fit: Fit, name: str) -> tuple[str, str, str]:
-    """Name, value and expanded uncertainty."""
-    place = fit.names.index(name)
-    unit, factor = shown(fit.units[place])
-    value, expanded = rounded(factor * fit.values[place], factor * fit.coverage_factor() * fit.sd[place])
-    return name, in_words(value, unit), in_words(expanded, unit)
