@@ -7,7 +7,7 @@ from reading_html import Cells, words_of
 
 from tumblecal.report.study_answers import answer_of
 from tumblecal.report.study_page import write_study_page
-from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.drawing import draw_each, write_each
 from tumblecal.show.figures.study import FIGURES
 
 
@@ -53,7 +53,7 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
     ]
     assert "up to 2.5 mrad" in answer.headline
     page = tmp_path / "linearization.html"
-    figures = [tmp_path / name for name in draw_each(tmp_path, FIGURES["linearization"], content, frames, write=True)]
+    figures = write_each(tmp_path, FIGURES["linearization"], content, frames)
     assert write_study_page(page, "linearization", content, frames, answer, figures) == [page.name]
     words = words_of(page)
     assert words.index(answer.headline) < words.index("Results") < words.index("Settings")

@@ -6,7 +6,7 @@ import pytest
 from tumblecal.ground.errors import InputError
 from tumblecal.report.study_answers import answer_of
 from tumblecal.report.study_page import write_study_page
-from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.figures.study import FIGURES
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
@@ -62,8 +62,8 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert content["units"] == {"study.inject.second_order.y": "mg/g^2"}
     answer = answer_of("sweep", content, frames)
     assert answer.table.header[0] == "second_order.y, mg/g^2" and "(second_order.y 1.0 mg/g^2)" in answer.headline
-    figures = [tmp_path / name for name in draw_each(tmp_path, FIGURES["sweep"], content, frames, write=True)]
-    assert "study.inject.second_order.y, mg/g^2" in figures[0].read_text()
+    figures = write_each(tmp_path, FIGURES["sweep"], content, frames)
+    assert "study.inject.second_order.y, mg/g^2" in (tmp_path / figures[0]).read_text()
     page = tmp_path / "sweep.html"
     write_study_page(page, "sweep", content, frames, answer, figures)
     assert "study.inject.second_order.y: 0, 1.0 mg/g²" in page.read_text()

@@ -160,7 +160,7 @@ def _drawn(folder: Path, calibrated: "Calibrated") -> list[str]:
     """Draw the figures and write the page; returns their names."""
     from tumblecal.report.calibration_page import write_calibration_page
     from tumblecal.show.figures.calibration import FIGURES
-    from tumblecal.show.figures.drawing import draw_each
+    from tumblecal.show.figures.drawing import write_each
 
-    drawn = [*draw_each(folder, FIGURES, calibrated, write=True)]
+    drawn = write_each(folder, FIGURES, calibrated)
     return [*drawn, *write_calibration_page(folder / "calibration.html", calibrated, drawn)]

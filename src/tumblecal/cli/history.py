@@ -270,11 +270,11 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
     if out is not None:
         from tumblecal.ground.result_set import result_set
         from tumblecal.report.history_page import write_history_page
-        from tumblecal.show.figures.drawing import draw_each
-        from tumblecal.show.figures.history import figures_of
+        from tumblecal.show.figures.drawing import write_each
+        from tumblecal.show.figures.history import FIGURES
 
         with result_set(out, _SET) as aside:
-            names = [*draw_each(aside, figures_of(judged), judged, write=True)]
+            names = write_each(aside, FIGURES, judged)
             names += write_history_page(aside / "history.html", serial, judged, risk, names)
         pages = f"written: {out}/: {', '.join(names)}"
     print(f"{history_text(serial, judged, risk)}\n{pages}")

@@ -70,28 +70,27 @@ def reduce(
     try:
         with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
             reduction = reduced(files, context, options, criterion)
-            paths = write_reduction(reduction, aside)
+            written = [path.name for path in write_reduction(reduction, aside)]
             if figures and reduction.dwells.stillness is not None:
-                paths += _drawn(reduction.dwells.stillness, aside, reduction.data.names)
+                written += _drawn(reduction.dwells.stillness, aside, reduction.data.names)
     except NothingStill as nothing:
         # In a folder with results of an earlier reduction it would look like a figure of these.
         if not figures or nothing.stillness is None or any((folder / name).exists() for name in _WRITTEN[:3]):
             raise
         with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
-            shown = "".join(f"; {folder / path.name} shows it" for path in _drawn(nothing.stillness, aside))
+            shown = "".join(f"; {folder / name} shows it" for name in _drawn(nothing.stillness, aside))
         with guessed(getattr(nothing, "__notes__", ())):
             raise InputError(f"{nothing}{shown}") from nothing
     _printed(reduction, output)
-    output.say(f"{', '.join(str(folder / path.name) for path in paths)}: {_summary(reduction)}")
+    output.say(f"{', '.join(str(folder / name) for name in written)}: {_summary(reduction)}")
 
 
-def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
-    """Draw the still intervals; returns the path of the figure, if it was drawn."""
-    from tumblecal.show.figures.drawing import draw_each
-    from tumblecal.show.figures.interval import interval_figure
+def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> list[str]:
+    """Draw the still intervals; returns the name of the figure, if it was drawn."""
+    from tumblecal.show.figures.drawing import write_each
+    from tumblecal.show.figures.interval import FIGURES
 
-    drawn = draw_each(folder, {"intervals.svg": interval_figure}, stillness, names, write=True)
-    return [folder / name for name in drawn]
+    return write_each(folder, FIGURES, stillness, names)
 
 
 def _printed(reduction: "Reduction", output: Output) -> None:

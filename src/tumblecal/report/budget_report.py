@@ -20,7 +20,7 @@ from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
 from tumblecal.show.figures.budget import TYPE_A, contributions_of, shares_figure
-from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.drawing import write_each
 
 
 SCHEMA = "tumblecal.budget_result/1"
@@ -37,7 +37,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
     `notes`: reservations about the fit, for the page.
     """
     write_text(folder / "budget.json", json_text(budget_content(budget, checked)))
-    drawn = [*draw_each(folder, {"budget.svg": shares_figure}, budget, write=True)]
+    drawn = write_each(folder, {"budget.svg": shares_figure}, budget)
     return ["budget.json", *drawn, *_write_page(folder / "budget.html", budget, checked, notes, drawn)]
 
 

@@ -199,8 +199,8 @@ def write_diagnosis(
     if figures:
         from tumblecal.report.diagnosis_page import write_diagnosis_page
         from tumblecal.show.figures.diagnosis import figures_of
-        from tumblecal.show.figures.drawing import draw_each
+        from tumblecal.show.figures.drawing import write_each
 
-        drawn = [*draw_each(folder, figures_of(diagnosis), diagnosis, write=True)]
+        drawn = write_each(folder, figures_of(diagnosis), diagnosis)
         names += [*drawn, *write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn, verdict)]
     return names

@@ -24,7 +24,7 @@ from tumblecal.report.head_amounts import (
 from tumblecal.report.head_words import explanation_words, session, units_text, units_verdict
 from tumblecal.report.page import TONES, PageFigure, Section, inline_figure, page, write_page
 from tumblecal.report.tables import Table
-from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.figures.units import shared_figure
 
 
@@ -49,7 +49,7 @@ def write_units(
     names.insert(2, "summary.csv")  # written by the command
     if not figures:
         return names
-    drawn = [*draw_each(folder, {_FIGURE: shared_figure}, found, entries, write=True)]
+    drawn = write_each(folder, {_FIGURE: shared_figure}, found, entries)
     return [*names, *drawn, *write_head_page(folder / "diagnosis.html", found, units, entries, drawn)]
 
 

@@ -22,7 +22,7 @@ from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.paper_words import findings, paper_verdict
 from tumblecal.report.result_file import result_content
 from tumblecal.report.tables import Table
-from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.figures.paper import AUDIT_CAPTION, AUDIT_FIGURES, CAPTIONS, FIGURES
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
@@ -59,8 +59,8 @@ def _write_page(
     words: list[str],
 ) -> None:
     folder = path.parent
-    study_figures = draw_each(folder, FIGURES, study, write=True)
-    audit_figures = draw_each(folder, AUDIT_FIGURES, audit, table1.exact, write=True)
+    study_figures = write_each(folder, FIGURES, study)
+    audit_figures = write_each(folder, AUDIT_FIGURES, audit, table1.exact)
     sections = [
         Section(
             "Audit of Table 1",

@@ -22,15 +22,15 @@ _QUESTIONS = {
     "power": "How large must an effect be for the diagnosis to detect it, and to name it?",
 }
 _CAPTIONS = {
-    "coverage": "Bars are two standard errors: of the bias, of the standard deviation, and of the interval coverage. Below "
+    "coverage.svg": "Bars are two standard errors: of the bias, of the standard deviation, and of the interval coverage. Below "
     "on the right: frequency of the sum of squares in 20 bins of equal probability.",
-    "sweep": "The worst parameter at each point of the grid.",
-    "convergence": "Rms error of the worst parameter of each group, over all runs, against the number of data sets.",
-    "data_sets_needed": "From the number of data sets that 10 % of the runs need to that of 90 % (bar); the median (dot). "
+    "sweep.svg": "The worst parameter at each point of the grid.",
+    "convergence.svg": "Rms error of the worst parameter of each group, over all runs, against the number of data sets.",
+    "data_sets_needed.svg": "From the number of data sets that 10 % of the runs need to that of 90 % (bar); the median (dot). "
     "Right of the grey line: not within the study.",
-    "linearization": "Rms bias of the worst parameter, divided by the standard deviation of one data set. On a grey line the "
-    "bias equals the standard deviation after that number of data sets. Dashed: theoretical slope of 2.",
-    "power": "Share of the runs in which something was detected, and in which the effect was among those named.",
+    "linearization.svg": "Rms bias of the worst parameter, divided by the standard deviation of one data set. On a grey line "
+    "the bias equals the standard deviation after that number of data sets. Dashed: theoretical slope of 2.",
+    "power.svg": "Share of the runs in which something was detected, and in which the effect was among those named.",
 }
 _FILES = {
     "parameters": "a row for each parameter (and point): truth, bias, standard deviation, coverage; base units (1, g, rad)",
@@ -46,15 +46,15 @@ _FILES = {
 @page
 def write_study_page(
     path: Path, kind: str, content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame], answer: Answer,
-    figures: Sequence[Path],
+    figures: Sequence[str],
 ) -> None:  # fmt: skip
     """Write the page of a study.
 
-    `content`: of the JSON file; `frames`: the tables; `answer`: of the study; `figures`: SVG files in the folder.
+    `content`: of the JSON file; `frames`: the tables; `answer`: of the study; `figures`: names of the SVG files in the folder.
     """
     sections = [
         Section("Results", tables=[answer.table]),
-        Section("Figures", figures=[inline_figure(figure, _CAPTIONS[figure.stem]) for figure in figures]),
+        Section("Figures", figures=[inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures]),
         _files(kind, frames, figures),
         Section("Settings", tables=[Table(["", ""], list(_studied(content)), text=(1,))]),
     ]
@@ -63,10 +63,10 @@ def write_study_page(
     write_page(path, title, _QUESTIONS[kind], verdict, sections, tone=answer.tone)
 
 
-def _files(kind: str, frames: Mapping[str, pl.DataFrame], figures: Sequence[Path]) -> Section:
+def _files(kind: str, frames: Mapping[str, pl.DataFrame], figures: Sequence[str]) -> Section:
     rows = [[f"{kind}.json", "all results except the large tables, with the study and the rig as they were read"]]
     rows += [[f"{kind}_{name}.parquet", f"{_FILES[name]} ({len(frame)} rows)"] for name, frame in frames.items()]
-    rows += [[figure.name, "a figure of this page"] for figure in figures]
+    rows += [[name, "a figure of this page"] for name in figures]
     rows += [["chunks/, manifest.json", "completed parts: the same command resumes from them; they can be deleted"]]
     return Section("Files", tables=[Table(["file", "contents"], rows, text=(0, 1))])
 

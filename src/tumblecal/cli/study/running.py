@@ -86,7 +86,7 @@ def run_study(
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.report.study_answers import answer_of, print_answer
     from tumblecal.report.study_page import write_study_page
-    from tumblecal.show.figures.drawing import draw_each
+    from tumblecal.show.figures.drawing import write_each
     from tumblecal.show.figures.study import FIGURES
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study, unused_of_head
@@ -111,12 +111,12 @@ def run_study(
     written = list[str]()
 
     def shown(aside: Path, content, frames) -> None:
-        figures = [aside / name for name in draw_each(aside, FIGURES[kind], content, frames, write=True)]
+        figures = write_each(aside, FIGURES[kind], content, frames)
         page = write_study_page(
             aside / f"{kind}.html", kind, content, frames, answer_of(kind, content, frames), figures
         )
         tables = [f"{kind}_{name}.parquet" for name in frames]
-        written.extend([*page, *(figure.name for figure in figures), *tables, f"{kind}.json"])
+        written.extend([*page, *figures, *tables, f"{kind}.json"])
 
     with _resumable(folder), _workers(tables, running) as computed, _bar(console, study.trials) as progress:
         content, frames = run(
