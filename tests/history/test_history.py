@@ -202,6 +202,7 @@ def test_a_drift_and_its_uncertainty_are_those_of_weighted_least_squares():
 @pytest.mark.parametrize("days", [0.02, 0.5, 3, 12, 30.4375, 400])
 def test_the_dates_of_a_chart_do_not_overlap(days):
     figure = chart_figure("bias", unit_history(results(14, days=days), PAPER_LIMITS))
+    assert figure is not None
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     labels = [label for label in figure.axes[-1].get_xticklabels() if label.get_text()]

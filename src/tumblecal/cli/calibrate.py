@@ -65,9 +65,9 @@ def calibrate(
             if figures:
                 from tumblecal.show.calibration import write_calibration_page
                 from tumblecal.show.figures.calibration import FIGURES
-                from tumblecal.show.figures.drawing import draw_each
+                from tumblecal.show.figures.drawing import write_each
 
-                drawn = draw_each(aside, FIGURES, made, write=True)
+                drawn = write_each(aside, FIGURES, made)
                 write_calibration_page(aside / "calibration.html", made, words, drawn)
         add_to_history(more.history, folder, "calibration", made.exact.data.serial_number)
         command.warn(made.exact.data.source, words.lines("warnings"))

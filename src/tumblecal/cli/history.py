@@ -231,12 +231,12 @@ def _evaluate(database: Path, serial: str, limits: dict[str, float], risk: float
     words = words_of_history(serial, judged, risk)
     pages = f"tables and control charts: {suggested('history', database, serial, '--out', 'page')}"
     if out is not None:
-        from tumblecal.show.figures.drawing import draw_each
-        from tumblecal.show.figures.history import figures_of
+        from tumblecal.show.figures.drawing import write_each
+        from tumblecal.show.figures.history import FIGURES
         from tumblecal.show.history_page import write_history_page
 
         with results(out, _SET) as aside:
-            charts = draw_each(aside, figures_of(judged), judged, write=True)
+            charts = write_each(aside, FIGURES, judged)
             write_history_page(aside / "history.html", words, judged, charts)
         pages = names_written(out, _SET)
     print(f"{history_text(words)}\n{pages}")

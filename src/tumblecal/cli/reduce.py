@@ -58,8 +58,8 @@ def reduce(
     from tumblecal.recordings.dwells.rest import NothingStill
     from tumblecal.recordings.reduce import reduced
     from tumblecal.recordings.reduction import write_reduction
-    from tumblecal.show.figures.drawing import draw_each
-    from tumblecal.show.figures.interval import interval_figure
+    from tumblecal.show.figures.drawing import write_each
+    from tumblecal.show.figures.interval import FIGURES
     from tumblecal.show.narrow import print_table
     from tumblecal.show.recordings import left_out_lines, mean_table, noise_lines, reduction_lines, unusual_lines
 
@@ -71,13 +71,13 @@ def reduce(
             found = reduced(files, context, options, criterion)
             write_reduction(found, aside)
             if figures and (stillness := found.dwells.stillness) is not None:
-                draw_each(aside, {_FIGURE: interval_figure}, stillness, found.data.names, write=True)
+                write_each(aside, FIGURES, stillness, found.data.names)
     except NothingStill as nothing:
         stillness, shown = nothing.stillness, ""
         # In a folder with results of an earlier reduction it would look like a figure of these.
         if figures and stillness is not None and not any((folder / name).exists() for name in _SET[:3]):
             with results(folder, _SET) as aside:
-                if draw_each(aside, {_FIGURE: interval_figure}, stillness, write=True):
+                if write_each(aside, FIGURES, stillness):
                     shown = f"; {folder / _FIGURE} shows it"
         with guessed(getattr(nothing, "__notes__", ())):
             raise InputError(f"{nothing}{shown}") from nothing

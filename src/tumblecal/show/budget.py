@@ -12,7 +12,7 @@ from tumblecal.estimation.intrinsic import intrinsic, one_sensor
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
 from tumblecal.show.figures.budget import shares_figure
-from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of
@@ -74,7 +74,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
     `notes`: reservations about the fit, for the page.
     """
     write_text(folder / "budget.json", json_text(budget_content(budget, checked)))
-    drawn = draw_each(folder, {"budget.svg": shares_figure}, budget, write=True)
+    drawn = write_each(folder, {"budget.svg": shares_figure}, budget)
     words = words_of_budget(budget, checked, notes)
     return ["budget.json", *drawn, *_write_page(folder / "budget.html", words, drawn)]
 

@@ -217,9 +217,9 @@ def write_diagnosis(
         return [*texts]
     from tumblecal.show.diagnosis_page import write_diagnosis_page
     from tumblecal.show.figures.diagnosis import figures_of
-    from tumblecal.show.figures.drawing import draw_each
+    from tumblecal.show.figures.drawing import write_each
 
-    drawn = draw_each(folder, figures_of(diagnosis), diagnosis, write=True)
+    drawn = write_each(folder, figures_of(diagnosis), diagnosis)
     return [*texts, *drawn, *write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn, verdict)]
 
 

@@ -18,7 +18,7 @@ from tumblecal.lab.record import result_content
 from tumblecal.planning import NextPlan
 from tumblecal.show.diagnosis import verdict_of_diagnosis
 from tumblecal.show.diagnosis_page import limit_tables
-from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.figures.paper import AUDIT_FIGURES, FIGURES, GROUPS
 from tumblecal.show.fit import TITLES
 from tumblecal.show.page import page, write_page
@@ -42,8 +42,8 @@ def write_paper_study(
     folded = "\n\n".join(textwrap.fill(text, 100) for text in findings) + "\n"
     record = paper_record(study, audit, result_content(table1), findings)
     write_texts(folder, {"study.json": json_text(record), "findings.txt": folded})
-    figures = draw_each(folder, FIGURES, study, write=True)
-    figures |= draw_each(folder, AUDIT_FIGURES, audit, table1.exact, write=True)
+    figures = write_each(folder, FIGURES, study)
+    figures |= write_each(folder, AUDIT_FIGURES, audit, table1.exact)
     tables = {
         "explanations": _explanations_table(audit),
         "methods": _methods_table(table1),

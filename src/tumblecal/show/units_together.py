@@ -12,7 +12,7 @@ from tumblecal.effects import Catalogue
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
-from tumblecal.show.figures.drawing import draw_each
+from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.figures.units import shared_figure
 from tumblecal.show.page import TONES, page, write_page
 from tumblecal.show.tables import Table
@@ -80,7 +80,7 @@ def write_units(
     first, second, *others = texts
     names = [first, second, "summary.csv", *others]
     if figures:
-        drawn = draw_each(folder, {_FIGURE: shared_figure}, found, entries, write=True)
+        drawn = write_each(folder, {_FIGURE: shared_figure}, found, entries)
         names += [*drawn, *write_units_page(folder / "diagnosis.html", found, words, drawn)]
     return names
 

@@ -80,7 +80,7 @@ def run_study(
 
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_folder
-    from tumblecal.show.figures.drawing import draw_each
+    from tumblecal.show.figures.drawing import write_each
     from tumblecal.show.figures.study import FIGURES
     from tumblecal.show.study import answer_of, print_answer, write_study_page
     from tumblecal.studies.run import run, study_of
@@ -99,7 +99,7 @@ def run_study(
 
     def shown(aside: Path, content, frames) -> None:
         page, answer = aside / f"{kind}.html", answer_of(kind, content, frames)
-        write_study_page(page, answer, draw_each(aside, FIGURES[kind], content, frames, write=True))
+        write_study_page(page, answer, write_each(aside, FIGURES[kind], content, frames))
 
     try:
         with _workers(tables, running) as computed, _bar(console, study.trials) as progress:

@@ -89,21 +89,24 @@ def svg_text(figure: Figure) -> str:
     return text.getvalue()
 
 
-def draw_each(folder: Path, figures: Figures, *result: Any, write: bool = False) -> dict[str, str]:
-    """Draw each figure of a result, without those that are None or fail (see `supplement`).
+def draw_each(path: Path, figures: Figures, *result: Any) -> dict[str, str]:
+    """SVG texts of the figures of a result by name, without those that are None or fail (see `supplement`).
 
-    **Arguments:**
-
-    - `folder`, `figures`: file, and the function of the result that makes the figure, by name. `write`: whether to write it.
-
-    **Returns:** SVG texts by name.
+    `path`: the folder or the page that gets them, for messages.
     """
     drawn = {}
     for name, figure_of in figures.items():
-        with supplement(folder / name):
+        with supplement(path / name):
             if (figure := figure_of(*result)) is not None:
-                text = svg_text(figure)
-                if write:
-                    write_text(folder / name, text)
-                drawn[name] = text
+                drawn[name] = svg_text(figure)
     return drawn
+
+
+def write_each(folder: Path, figures: Figures, *result: Any) -> dict[str, str]:
+    """Write the figures of a result into a folder; returns those written, as `draw_each`."""
+    written = {}
+    for name, text in draw_each(folder, figures, *result).items():
+        with supplement(folder / name):
+            write_text(folder / name, text)
+            written[name] = text
+    return written

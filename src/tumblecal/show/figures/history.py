@@ -13,15 +13,11 @@ from tumblecal.show.figures.drawing import BAND, INK, MUTED, Figures, new_panels
 from tumblecal.show.figures.panels import dots
 
 
-def figures_of(history: UnitHistory) -> Figures:
-    """The functions that draw the control charts, by file."""
-    kinds = {leaf_of(trend.name) for trend in history.trends}
-    return {f"history_{leaf}.svg": partial(chart_figure, leaf) for leaf in GROUPS if leaf in kinds}
-
-
-def chart_figure(leaf: str, history: UnitHistory) -> Figure:
-    """The control charts of one kind of parameter."""
+def chart_figure(leaf: str, history: UnitHistory) -> Figure | None:
+    """The control charts of one kind of parameter; None if there are none."""
     trends = [trend for trend in history.trends if leaf_of(trend.name) == leaf]
+    if not trends:
+        return None
     figure, panels = new_panels(1.5 * len(trends) + 0.6, len(trends), sharex=True)
     times = [entry.when for entry in history.entries]
     dated = len(set(times)) == len(times)
@@ -44,3 +40,6 @@ def _draw(panel: Axes, across: Sequence, trend: Trend) -> None:
     panel.errorbar(across, values, factor * trend.expanded, fmt="none", ecolor=INK, elinewidth=0.8)
     dots(panel, across, values, trend.outside, INK)
     panel.set_ylabel(f"{trend.name} / {unit}".replace("@", "\n@"))
+
+
+FIGURES: Figures = {f"history_{leaf}.svg": partial(chart_figure, leaf) for leaf in GROUPS}

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tumblecal.recordings.still.stillness import Stillness
-from tumblecal.show.figures.drawing import AXIS_COLOUR, MUTED, OUTSIDE, new_panel
+from tumblecal.show.figures.drawing import AXIS_COLOUR, MUTED, OUTSIDE, Figures, new_panel
 
 
 _MOST_POINTS, _MOST_NAMES = 4000, 60
@@ -32,3 +32,6 @@ def interval_figure(stillness: Stillness, names: tuple[str, ...] = ()) -> Figure
     panel.set_title(f"{len(used)} still intervals used (green), {refused} refused (red)")
     panel.legend(loc="upper right", ncols=3)
     return figure
+
+
+FIGURES: Figures = {"intervals.svg": interval_figure}
