@@ -70,8 +70,9 @@ class _Steps:
         return blocks
 
 
-def _named(svg: str, name: str) -> str:
-    svg, prefix = svg[svg.index("<svg") :], re.sub(r"\W", "_", name)
+def _named(svg: str, prefix: str) -> str:
+    """An SVG text for a page on which no other figure has this prefix of its identifiers."""
+    svg = svg[svg.index("<svg") :].replace("xlink:href", "href")
     # A sixth less to store: no indents, no names of groups, no more than a hundredth of a point.
     svg = re.sub(r'<g id="[^"]*"', "<g", re.sub(r"\n\s+", "\n", svg))
     svg = re.sub(r'(?<!\(0)(\.\d\d)\d+(?=[ "\n])', r"\1", svg)
@@ -127,7 +128,7 @@ def write_page(
     given = {key: figures[name] for key, name in wanted.items() if name in figures}
     drawn = draw_each(path, {key: figure for key, figure in given.items() if not isinstance(figure, str)})
     drawn |= {key: svg for key, svg in given.items() if isinstance(svg, str)}
-    drawn = {key: _named(svg, key) for key, svg in drawn.items()}
+    drawn = {key: _named(svg, f"f{number}") for number, (key, svg) in enumerate(drawn.items())}
     shown, folded = _next_steps(verdict)
     environment = Environment(loader=PackageLoader("tumblecal.show"), autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"typeset": _typeset, "share": _share}
