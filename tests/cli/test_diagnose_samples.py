@@ -107,7 +107,7 @@ def test_bad_sources(tumblecal, tmp_path, means, recorded):
     assert "no journal.log here; give the folder of a capture" in refused(means, "--samples", tmp_path)
     assert "no such file" in refused(means, "--samples", tmp_path / "none.csv")
     assert "both state the noise" in refused(means, "--samples", recorded.folder, "--noise-sd", "1mg")
-    assert "samples of one position file" in refused(means, means, "--samples", recorded.folder)
+    assert "--samples is for one position file" in refused(means, means, "--samples", recorded.folder)
     again = tmp_path / "again.csv"
     again.write_text("".join(means.read_text().splitlines(keepends=True)[:-1]))
     twice = refused("--join", means, again, "--samples", recorded.folder)

@@ -40,9 +40,9 @@ def table_file(path: Path, inputs: Iterable[Path | None]) -> Path:
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_file
 
+    protect_inputs(inputs, out=path)
     if path.suffix not in (".csv", ".parquet"):
         raise InputError(f"{path}: must end in .csv or .parquet")
-    protect_inputs(inputs, out=path)
     writable_file(path)
     return path
 
