@@ -138,7 +138,6 @@ def test_an_mtb_file(tmp_path, rows):
 def test_the_pieces_of_an_mtb_file_do_not_change_it(tmp_path, rows, monkeypatch):
     (tmp_path / "log.mtb").write_bytes(b"".join(mtb(rows)) + b"\xfa\xff\x36")
     whole = write_samples(tmp_path / "log.mtb", tmp_path / "whole.parquet", RecordingOptions())
-    monkeypatch.setattr(xbus_file, "_PIECE", 5_000)
     monkeypatch.setattr(xbus_file, "_BLOCK", 7)
     pieces = write_samples(tmp_path / "log.mtb", tmp_path / "pieces.parquet", RecordingOptions())
     frames = [pl.read_parquet(tmp_path / f"{name}.parquet") for name in ("whole", "pieces")]

@@ -117,7 +117,7 @@ def test_of_two_clocks_the_one_with_regular_steps_is_used(tmp_path, force, syste
     (tmp_path / "log.csv").write_text("\n".join([f"{system},{sensor},x,y,z", *rows]) + "\n")
     recording = read_recording(tmp_path / "log.csv")
     assert recording.layout.columns["time"].name == sensor and recording.rate_hz == pytest.approx(50.0)
-    words = f"clock: {sensor}, not {system}, whose steps are irregular; to override: --columns time={system}"
+    words = f"clock: {sensor}, not {system}; to override: --columns time={system}"
     assert words in recording.layout.notes
     chosen = read_recording(tmp_path / "log.csv", columns=f"time={system}")
     assert chosen.layout.columns["time"].name == system

@@ -28,11 +28,11 @@ MEANINGS = {
     ),
     "gravity": "gravity grav schwerkraft gravedad gravite 重力",
     "velocity": "vel velocity velocities speed speeds geschwindigkeit velocidad vitesse velocita twist",
-    "place": ("pos latitude longitude lat lon lng alt altitude height location gps gnss east north northing easting"),
+    "place": ("pos position positions latitude longitude lat lon lng alt altitude height location gps gnss east north northing easting"),
     "time": (
         "sec secs second time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp "
         "epoch epoc clock chiptime datetime elapsed seconds millis micros nanos ms us ns ts tick ticks tow now "
-        "msec usec nsec msecs usecs nsecs 时间 時間 время 시간"
+        "gpst msec usec nsec msecs usecs nsecs 时间 時間 время 시간"
     ),
     "temperature": "temp temps temperature temperatures temperatur temperatura tmp 温度 температура 온도",
     "other": (
@@ -56,7 +56,7 @@ MEANINGS = {
     "raw": "raw uncal uncalibrated uncomp uncompensated unfilt unfiltered adc",
     "processed": (
         "smooth smoothed filt filtered filter lpf lowpass lp cal calib calibrated corrected corr comp "
-        "compensated avg average averaged fused est estimated"
+        "compensated avg average averaged fused est estimated ema butter butterworth kalman"
     ),
     # These words do not concern the quantity.
     "plain": (

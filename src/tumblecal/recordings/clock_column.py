@@ -1,5 +1,6 @@
 """The column of the clock of a recording, by its name or its dates, with its form and unit."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -30,18 +31,18 @@ _CELLS, _CLOCK_ROWS = 100, 1000
 
 def clock_among(first: pl.DataFrame, free: Sequence[str], notes: list[str]) -> Column | None:
     """The clock among unassigned columns: one with dates or a unit, then the one whose name has the fewest other words, then
-    one with regular steps; then any column with dates. `notes`: gets a choice by the steps."""
-
-    def evidence(name: str) -> tuple[bool, int]:
-        return not (parsed(name).unit or name in dated), parsed(name).foreign
-
-    named = [name for name in free if role_of(name)[0] == "time"]
+    one with regular steps; then any column with dates. `notes`: gets the next one."""
     forms = {name: form_of(_texts(first[name].head(_CELLS))) for name in free}
     dated = [name for name in free if forms[name] or first[name].dtype.is_temporal()]
+    named = [name for name in free if role_of(name)[0] == "time"]
     numbers = {name: Column(name, form=forms[name]).numbers(first) for name in named}
+
+    def order(name: str) -> tuple[bool, int, bool]:
+        steps = np.diff(numbers[name][np.isfinite(numbers[name])])
+        return not (parsed(name).unit or name in dated), parsed(name).foreign, not regular(steps)
+
+    named.sort(key=order)
     usable = [name for name in named if name in dated or (rises(numbers[name]) and not overflows(numbers[name]))]
-    named.sort(key=lambda name: parsed(name).foreign)
-    usable.sort(key=evidence)
     # Whole seconds in one column, and their fraction in ms, us or ns in another.
     scales = {name: TIME_S.get(parsed(name).unit, 0.0) for name in named if np.isfinite(numbers[name]).any()}
     whole = [name for name, scale in scales.items() if scale == 1 and not (numbers[name] % 1 > 0).any()]
@@ -51,12 +52,9 @@ def clock_among(first: pl.DataFrame, free: Sequence[str], notes: list[str]) -> C
     ]  # fmt: skip
     if whole and parts and {*usable} <= {whole[0], parts[0]}:
         return Column(parts[0], "s", "name", scale=scales[parts[0]], whole=whole[0])
-    equal = [name for name in usable if evidence(name) == evidence(usable[0])]
-    if steady := [name for name in equal if regular(np.diff(numbers[name][np.isfinite(numbers[name])]))][:1]:
-        if steady != usable[:1]:
-            words = f"clock: {steady[0]}, not {usable[0]}, whose steps are irregular"
-            notes.append(f"{words}; to override: --columns time={usable[0]}")
-        usable = steady
+    for other in usable[1:2]:
+        option = shlex.quote(f"time={other}")
+        notes.append(f"clock: {usable[0]}, not {other}; to override: --columns {option}")
     found = usable or named or dated
     return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 

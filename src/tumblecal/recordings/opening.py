@@ -23,7 +23,7 @@ from tumblecal.recordings.table import Table
 
 
 _SENSOR_WORD = re.compile("sensor|id|device|imu|node|channel|unit|address|addr|mac|tag|name|source|kind|type")
-_MOST_SENSORS = 16
+_MOST_SENSORS, _MOST_IN_TURN = 16, 100
 
 
 def opened(
@@ -121,10 +121,13 @@ def _ask_for_sensor(table: Table, first: pl.DataFrame, path: Path, options: Reco
     """
     used = {column.name for column in given_columns(table, options).values()}
     for name in table.columns:
-        if name in used or not any(map(_SENSOR_WORD.fullmatch, parsed(name).stem)):
+        reading = parsed(name).quantity not in ("", "other")
+        if name in used or reading or not any(map(_SENSOR_WORD.fullmatch, parsed(name).stem)):
             continue
         cells = first[name].cast(pl.String).drop_nulls()
         values = cells.unique(maintain_order=True)
-        if 2 <= len(values) <= _MOST_SENSORS and (cells != cells.shift(1)).sum() > 2 * len(values):
+        # Sensors alternate; a label of what the sensor does changes rarely.
+        rarely = max(2 * len(values), len(cells) / _MOST_IN_TURN)
+        if 2 <= len(values) <= _MOST_SENSORS and (cells != cells.shift(1)).sum() > rarely:
             words = f"column {name} has {len(values)} values in turn: rows of several sensors; select one"
             raise question(path, words, [f"--rows {shlex.quote(f'{name}={value}')}" for value in values])

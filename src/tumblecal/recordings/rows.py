@@ -99,11 +99,11 @@ def sample_frames(
             lost = (~whole).arg_true()
             unread.places += places.gather(lost[: _SHOWN - len(unread.places)]).to_list()
             unread.rows += len(lost)
-            # Rows of erased memory have no number at all.
-            empty = pl.all_horizontal(
-                pl.col(named[axis]).is_nan() | (pl.col(named[axis]).abs() >= LARGEST_NUMBER) for axis in FORCE
-            )
-            blank = frame.filter(~whole).select(empty.fill_null(value=False).mean()).item() > 1 - _MOST_UNREADABLE
+            # Rows of erased memory, or of another sensor in the same table, have no number or no cell at all.
+            cells = pl.col(axis.name for axis in force)
+            number = cells.cast(pl.Float64, strict=False)
+            empty = pl.all_horizontal(cells.is_null() | number.is_nan() | (number.abs() >= LARGEST_NUMBER))
+            blank = piece.filter(~whole).select(empty.fill_null(value=False).mean()).item() > 1 - _MOST_UNREADABLE
             if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and not blank:
                 raise InputError(
                     f"{path}:{table.row_word} {unread.places[0]}: {unread.rows} of {seen} rows cannot be read as "

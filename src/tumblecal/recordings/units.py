@@ -180,13 +180,15 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
     if not len(windows):
         return usual, changes, changes
     spread = windows.std(1).max(1)
-    calm = windows.mean(1)[spread <= 3 * np.quantile(spread, 0.2) + 2e-3 * usual]
+    most = 3 * np.quantile(spread, 0.2) + 2e-3 * usual
+    calm = windows.mean(1)[spread <= most]
     # One mean for each attitude: those that differ from all before them.
     means = calm[:1]
     for mean in calm[1:]:
         if (np.linalg.norm(means - mean, axis=1) > 0.1 * usual).all():
             means = np.vstack([means, mean])
-    if len(means) >= _FEWEST_ATTITUDES:
+    # A sensor that moves all the time has no means at rest.
+    if len(means) >= _FEWEST_ATTITUDES and most < 0.1 * usual:
         matrix = np.column_stack([2 * means / usual, np.ones(len(means))])
         found, _, rank, _ = np.linalg.lstsq(matrix, ((means / usual) ** 2).sum(1), rcond=1e-6)
         radii = np.linalg.norm(means / usual - found[:3], axis=1)

@@ -15,6 +15,7 @@ from tumblecal.data.text_layout import ROW
 from tumblecal.ground.decoding import damaged
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import opened
+from tumblecal.recordings.columns import is_number
 from tumblecal.recordings.memory import require_size
 from tumblecal.recordings.table import Reader, Source, Table, tables_of_arrays
 
@@ -115,7 +116,8 @@ def _kinds(seen: Sequence[Row]) -> Callable[[Row], str]:
     """The kind of a row: the word in a field such as `sensor`, or the names that other rows do not have."""
     for name in seen[0]:
         values = {row.get(name) for row in seen}
-        if sum(isinstance(value, str) for value in values) > 1 and len(values) <= _MOST_KINDS:
+        words = [value for value in values if isinstance(value, str) and not is_number(value)]
+        if len(words) > 1 and len(values) <= _MOST_KINDS:
             return lambda row: str(row.get(name, ""))
     every = dict.fromkeys(name for row in seen for name in row)
     # An object without one of the names is of the same kind as an object with all names.
@@ -136,41 +138,24 @@ def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
         own = [row for row in seen if kind_of(row) == kind]
         names = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for row in own for name in row}
         numeric = {name for row in own for name, value in row.items() if isinstance(value, int | float)}
-        plain = len(kinds) == 1 and "." not in "".join(names)
 
         def frames(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
             schema = {column: pl.Float64 if names[column] in numeric else pl.String for column in columns}
             for piece in pieces():
                 lines, given = zip(*piece, strict=True)
-                frame = _decoded(given, schema) if plain else None
-                if frame is None:
-                    rows = [
-                        (line, row)
-                        for line, row in zip(lines, map(_row, given), strict=True)
-                        if not row or kind_of(row) == kind
-                    ]
-                    lines = [line for line, _ in rows]
-                    frame = pl.DataFrame(
-                        {column: [row.get(names[column]) for _, row in rows] for column in schema}, schema, strict=False
-                    )
-                yield frame.with_columns(pl.Series(ROW, lines, pl.Int64))
+                rows = [
+                    (line, row)
+                    for line, row in zip(lines, map(_row, given), strict=True)
+                    if not row or kind_of(row) == kind
+                ]
+                cells = {column: [row.get(names[column]) for _, row in rows] for column in schema}
+                frame = pl.DataFrame(cells, schema, strict=False)
+                yield frame.with_columns(pl.Series(ROW, [line for line, _ in rows], pl.Int64))
 
         words = f"JSON, {len(names)} columns"
         return Table(" ".join(filter(None, (title, kind))), tuple(names), frames, words=words, row_word=row_word)
 
     return [table(kind) for kind in kinds]
-
-
-def _decoded(given: Sequence[str | Row], schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame | None:
-    """The cells of lines of objects without objects in them; None if some are other lines, which need more time."""
-    try:
-        lines = pl.Series(given, dtype=pl.String).str.strip_chars(_AROUND)
-        # Of a name that occurs twice in a line, the decoder reads the first value, and JSON means the last.
-        if any(lines.str.count_matches(json.dumps(name), literal=True).max() != 1 for name in schema):
-            return None
-        return lines.str.json_decode(pl.Struct(schema)).struct.unnest()
-    except (TypeError, pl.exceptions.PolarsError, pl.exceptions.PanicException):
-        return None
 
 
 READER = Reader("JSON", _recognised, _read, rank=1)

@@ -19,13 +19,13 @@ from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
 _MESSAGES, _MASTER, _FEWEST = (messages(b"\xfa"),), 0xFF, 3
 _TICKS_PER_S = 1e4
-# Bytes that are searched, and messages that are decoded, at once.
-_PIECE, _BLOCK = 1 << 22, 1 << 16
+# Messages that are decoded at once.
+_BLOCK = 1 << 16
 
 
 def _read(source: Source) -> list[Table]:
     data = np.memmap(source.path, np.uint8, "r")
-    starts, sizes = _messages(data)
+    starts, sizes, _ = find(_MESSAGES, data, final=True)
     before = starts - np.append(0, starts + sizes)[:-1]
     if skipped := len(data) - int(sizes.sum()):
         first = int((starts - before)[before > 0][0]) if before.any() else int(sizes.sum())
@@ -58,18 +58,6 @@ def _read(source: Source) -> list[Table]:
         why = next(iter(refused), "no MTData2 message has a specific force")
         raise InputError(f"{source.path}: {why}")
     return tables
-
-
-def _messages(data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Starts and sizes of all messages; the file is searched in pieces."""
-    starts, sizes, at = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
-    while at < len(data):
-        last = at + _PIECE >= len(data)
-        found = find(_MESSAGES, data[at : at + _PIECE], final=last)
-        starts.append(found.starts + at)
-        sizes.append(found.sizes)
-        at = len(data) if last else at + max(found.limit, 1)
-    return np.concatenate(starts), np.concatenate(sizes)
 
 
 def _columns(samples: Samples, good: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
