@@ -1,5 +1,7 @@
 """What a file states about its clock and columns; numbers that cannot be times or readings."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -92,11 +94,19 @@ def test_several_attitudes_show_the_size_of_gravity_more_closely(tmp_path, attit
          "linear_acceleration_z", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},{x:.4f},{y:.4f},{z:.4f}", ""),
         ("time,accX,accY,accZ", "2025-8-11 23:1:{t:.2f},{x:.4f},{y:.4f},{z:.4f}", ""),  # no leading zeros
         ("time,accX,accY,accZ", "  {t:.2f},  {x:.4f}, {y:.4f},  {z:.4f}", ""),
+        ("GPST,Ax,Ay,Az", "{t:.2f},{x:.4f},{y:.4f},{z:.4f}", ""),
+        ("time,acc_x,acc_y,acc_z,acc_x_ema,acc_y_ema,acc_z_ema", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},{x:.4f},{y:.4f},{z:.4f}",
+         ""),
+        ("time,accX,accY,accZ,position_x,position_y,position_z", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},{x:.4f},{y:.4f},{z:.4f}",
+         ""),
+        # A reading is no label of a sensor, and an activity lasts; the last cell of most rows is empty.
+        ("time,accX,accY,accZ,imu_temp,type,note", '{t:.2f},{x:.4f},{y:.4f},{z:.4f},2{d},{a},""',
+         '{t:.2f},{x:.4f},{y:.4f},{z:.4f},20,{a},"in"'),
     ],
 )  # fmt: skip
 def test_what_loggers_write_needs_no_question(tmp_path, force, header, row, first):
     lines = [
-        (first if first and k < 5 else row).format(t=k / 50, x=x, y=y, z=z)
+        (first if first and k < 5 else row).format(t=k / 50, x=x, y=y, z=z, d=k % 3, a=("rest", "turn")[k // 150])
         for k, (x, y, z) in enumerate(force.tolist())
     ]
     (tmp_path / "log.csv").write_text("\n".join([header, *lines]) + "\n")
@@ -121,6 +131,48 @@ def test_of_two_clocks_the_one_with_regular_steps_is_used(tmp_path, force, syste
     assert words in recording.layout.notes
     chosen = read_recording(tmp_path / "log.csv", columns=f"time={system}")
     assert chosen.layout.columns["time"].name == system
+
+
+def test_rows_of_another_sensor_have_no_cells_and_are_left_out(tmp_path, force):
+    """Three of four rows have only the cell of another sensor."""
+    rows = [
+        f"{20 * k},{x:.4f},{y:.4f},{z:.4f}," if k % 4 == 0 else f"{20 * k},,,,{k % 7}.5"
+        for k, (x, y, z) in enumerate(force.tolist())
+    ]
+    (tmp_path / "log.csv").write_text("\n".join(["time_ms,AccX,AccY,AccZ,Light", *rows]) + "\n")
+    recording = read_recording(tmp_path / "log.csv")
+    assert (recording.rows, recording.unread.rows) == (75, 225) and recording.rate_hz == pytest.approx(12.5)
+    (tmp_path / "log.csv").write_text(
+        "\n".join(["time_ms,AccX,AccY,AccZ,Light", *rows]).replace(",,,", ",no,no,") + "\n"
+    )
+    with pytest.raises(InputError, match=r"line 3: .* rows cannot be read as AccX, AccY, AccZ"):
+        read_recording(tmp_path / "log.csv")
+
+
+def test_numbers_written_as_text_are_no_kinds_of_objects(tmp_path):
+    objects = [
+        json.dumps({"time": 1665871572227 + 20 * k, "dataX": f"{k % 3}.1", "dataY": "1.3", "dataZ": f"9.{70 + k}"})
+        for k in range(10)
+    ]
+    (tmp_path / "log.jsonl").write_text("\n".join(objects) + "\n")
+    recording = read_recording(tmp_path / "log.jsonl")
+    assert (recording.rows, recording.layout.unit) == (10, "ms2") and recording.rate_hz == pytest.approx(50)
+
+
+def test_a_preamble_states_the_rate_of_the_data(tmp_path, force):
+    text(tmp_path / "log.csv", "# Config: data_rate = 2000.0 Hz, filter = 488 Hz\na_x,a_y,a_z", force)
+    assert read_recording(tmp_path / "log.csv").rate_hz == 2000
+
+
+def test_a_sensor_that_moves_all_the_time_shows_no_bias(tmp_path):
+    """A pen in a hand: the means of short stretches lie near some sphere, whose radius is not gravity."""
+    rng = np.random.default_rng(4)
+    tilt = 0.9 + 0.25 * np.cumsum(rng.normal(size=(6000, 2)), 0) / np.sqrt(6000)
+    direction = np.column_stack([np.sin(tilt[:, 0]), np.cos(tilt[:, 0]) * np.sin(tilt[:, 1]), np.cos(tilt).prod(1)])
+    mg = 1000 * (direction + 0.15 * rng.normal(size=(6000, 3)))
+    log = text(tmp_path / "log.csv", "accX,accY,accZ", mg)
+    layout = read_recording(log, rate=50.0).layout
+    assert layout.unit == "mg" and layout.size == pytest.approx(np.median(np.linalg.norm(mg, axis=1)), rel=0.01)
 
 
 def test_millimetres_a_second_squared_are_no_counts(tmp_path, force):

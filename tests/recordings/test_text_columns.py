@@ -126,7 +126,7 @@ FAULTS = [
     ("a,b,c,d", GOOD[1], {"columns": "ax=2"}, "ay, az not found among the columns 'a, b, c, d'; name them: --columns"),
     ("t,acc1,acc5,acc7", GOOD[1], {}, "columns 't, acc1, acc5, acc7': --columns ax=...,ay"),
     ("hello world", "no table", {}, "first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
-    ("time,ax,ay,az", "", {}, "first line 'time,ax,ay,az' has 4 cells separated by commas, 0 of them numbers. Give the"),
+    ("time,ax,ay,az", "", {}, "log.csv: no rows"),
     ('{"a": {"b": 1},\n "c": [\n]}', "", {}, "JSON without samples; samples are read from one object a line"),
     ('{{"a": {{"b": 1}}, "c": [', "]}}", {}, "not a complete JSON file"),
     ('{{"e": "b", "t": 0, "u": 1}', '{{"e": "a", "t": {t}, "x": 0.1, "y": 1}}', {}, "choose one: --topic b or --topic a"),

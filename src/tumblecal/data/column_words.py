@@ -28,7 +28,10 @@ MEANINGS = {
     ),
     "gravity": "gravity grav schwerkraft gravedad gravite 重力",
     "velocity": "vel velocity velocities speed speeds geschwindigkeit velocidad vitesse velocita twist",
-    "place": ("pos position positions latitude longitude lat lon lng alt altitude height location gps gnss east north northing easting"),
+    "place": (
+        "pos position positions latitude longitude lat lon lng alt altitude height location gps gnss east north "
+        "northing easting"
+    ),
     "time": (
         "sec secs second time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp "
         "epoch epoc clock chiptime datetime elapsed seconds millis micros nanos ms us ns ts tick ticks tow now "

@@ -124,8 +124,7 @@ def chosen(
         one for one in triples if one.name.quantity == "letter" and one.name.stem[:1] == ("g",) and one is not force
     ]
     # The rates with most words in common with the accelerations, the least processed.
-    common = {one: len({*one.name.stem} & {*force.name.stem}) for one in rates}
-    rates.sort(key=lambda one: (-common[one], STATES.index(one.name.state)))
+    rates.sort(key=lambda one: (-len({*one.name.stem} & {*force.name.stem}), STATES.index(one.name.state)))
     names = [*force.columns, *(rates[0].columns if rates else ())]
     return {role: Column(name, parsed(name).unit, "name") for role, name in zip((*FORCE, *RATE), names, strict=False)}
 

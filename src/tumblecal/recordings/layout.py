@@ -102,7 +102,7 @@ def _readable(
     for role in empty:
         name = columns[role].name
         texts = first.select(pl.col(name).cast(pl.String).str.strip_chars(), row=ROW if ROW in first.columns else None)
-        texts = texts.filter(pl.col(name) != "") if not first[name].dtype.is_numeric() else texts.head(0)
+        texts = texts.filter(~pl.col(name).is_in(["", "NaN"]))
         cell, row = texts.row(0) if len(texts) else ("", None)
         place = f"{table.row_word}s {row} to {texts.row(-1)[1]}, " if row else ""
         alike = [columns[axis].name for axis in FORCE if axis in empty] if role in FORCE else [name]

@@ -121,8 +121,8 @@ def _ask_for_sensor(table: Table, first: pl.DataFrame, path: Path, options: Reco
     """
     used = {column.name for column in given_columns(table, options).values()}
     for name in table.columns:
-        reading = parsed(name).quantity not in ("", "other")
-        if name in used or reading or not any(map(_SENSOR_WORD.fullmatch, parsed(name).stem)):
+        meaning = parsed(name)
+        if name in used or meaning.quantity not in ("", "other") or not any(map(_SENSOR_WORD.fullmatch, meaning.stem)):
             continue
         cells = first[name].cast(pl.String).drop_nulls()
         values = cells.unique(maintain_order=True)

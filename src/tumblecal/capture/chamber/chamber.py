@@ -64,8 +64,7 @@ class Chamber:
             return self._answer(self._port, command, field)
         except (InputError, OSError) as error:
             self.close()
-            cut = isinstance(error, OSError)
-            words = f"the line is interrupted ({error}); check cable and power" if cut else error
+            words = f"the line is interrupted ({error}); check cable and power" if isinstance(error, OSError) else error
             raise InputError(f"chamber {self.name}: {words}") from error
 
     def _answer(self, port: Port, query: str, field: int) -> float:

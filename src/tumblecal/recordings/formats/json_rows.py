@@ -116,8 +116,8 @@ def _kinds(seen: Sequence[Row]) -> Callable[[Row], str]:
     """The kind of a row: the word in a field such as `sensor`, or the names that other rows do not have."""
     for name in seen[0]:
         values = {row.get(name) for row in seen}
-        words = [value for value in values if isinstance(value, str) and not is_number(value)]
-        if len(words) > 1 and len(values) <= _MOST_KINDS:
+        words = sum(isinstance(value, str) and not is_number(value) for value in values)
+        if words > 1 and len(values) <= _MOST_KINDS:
             return lambda row: str(row.get(name, ""))
     every = dict.fromkeys(name for row in seen for name in row)
     # An object without one of the names is of the same kind as an object with all names.
@@ -148,8 +148,9 @@ def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
                     for line, row in zip(lines, map(_row, given), strict=True)
                     if not row or kind_of(row) == kind
                 ]
-                cells = {column: [row.get(names[column]) for _, row in rows] for column in schema}
-                frame = pl.DataFrame(cells, schema, strict=False)
+                frame = pl.DataFrame(
+                    {column: [row.get(names[column]) for _, row in rows] for column in schema}, schema, strict=False
+                )
                 yield frame.with_columns(pl.Series(ROW, [line for line, _ in rows], pl.Int64))
 
         words = f"JSON, {len(names)} columns"

@@ -89,7 +89,7 @@ def _read(source: Source) -> list[Table]:
     widths = (columns, columns if clock else filled)
     names, header = header_of(source, written[:first], separator, *widths, clock=bool(clock)) if good else ((), None)
     axes = [number for number, own in enumerate(roles) if own >= {*FORCE}]
-    if header is None and len(axes) == 1 and any(rows[axes[0] + 1 :]):
+    if header is None and len(axes) == 1:
         # The rows below this line have words under the names, all or the first ones.
         width = len(rows[axes[0]])
         names, header = header_of(source, written[: axes[0] + 1], separator, width, width, clock=False)

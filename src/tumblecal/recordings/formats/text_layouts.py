@@ -19,7 +19,9 @@ from tumblecal.recordings.table import Source
 _MOST_KINDS = 20
 # A line before the rows with a name and a value: // Update Rate: 100.0Hz.
 _STATED = re.compile(r"[\W_]*([A-Za-z][\w .\-/()]{0,40}?)\s*[:=]\s*(\S.{0,200}?)\s*")
-_RATE = re.compile(r"\b(?:at|(?:data|output|sample|sampling|update)[ _]rate)\W{1,3}(\d+(?:\.\d+)?)\s*Hz\b", re.IGNORECASE)
+_RATE = re.compile(
+    r"\b(?:at|(?:data|output|sample|sampling|update)[ _]rate)\W{1,3}(\d+(?:\.\d+)?)\s*Hz\b", re.IGNORECASE
+)
 _LABEL = re.compile(r"\W*(headers?|columns?|cols?|fields?|names?)\W*", re.IGNORECASE)
 # Columns of files without names, by a line of the preamble.
 _KNOWN = {
