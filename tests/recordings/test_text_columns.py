@@ -124,6 +124,7 @@ FAULTS = [
     (*GOOD, {"decimal": "dot"}, "--decimal dot: write point or comma"),
     (*GOOD, {"rate": -1.0}, "--rate -1: not a sample rate; give samples a second, above 0 and below 1e7"),
     ("a,b,c,d", GOOD[1], {"columns": "ax=2"}, "ay, az not found among the columns 'a, b, c, d'; name them: --columns"),
+    ("time,position_x,position_y,position_z", GOOD[1], {}, "name the accelerations among the columns 'time, position_x"),
     ("t,acc1,acc5,acc7", GOOD[1], {}, "columns 't, acc1, acc5, acc7': --columns ax=...,ay"),
     ("hello world", "no table", {}, "first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
     ("time,ax,ay,az", "", {}, "log.csv: no rows"),
