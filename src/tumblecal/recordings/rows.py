@@ -99,12 +99,11 @@ def sample_frames(
             lost = (~whole).arg_true()
             unread.places += places.gather(lost[: _SHOWN - len(unread.places)]).to_list()
             unread.rows += len(lost)
-            # Rows of erased memory, or of another sensor in the same table, have no number or no cell at all.
-            cells = pl.col(axis.name for axis in force)
-            number = cells.cast(pl.Float64, strict=False)
-            empty = pl.all_horizontal(cells.is_null() | number.is_nan() | (number.abs() >= LARGEST_NUMBER))
-            blank = piece.filter(~whole).select(empty.fill_null(value=False).mean()).item() > 1 - _MOST_UNREADABLE
-            if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and not blank:
+            # Rows of erased memory, and of another sensor in the same table, have no cell that should be a number.
+            cells = pl.col(columns[role].name for role in needed if not columns[role].form)
+            wrong = pl.any_horizontal(cells.is_not_null() & cells.cast(pl.Float64, strict=False).is_null())
+            share = piece[lost].select(wrong.mean()).item()
+            if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and share > _MOST_UNREADABLE:
                 raise InputError(
                     f"{path}:{table.row_word} {unread.places[0]}: {unread.rows} of {seen} rows cannot be read as "
                     f"{', '.join(wanted)}. Give the columns of the quantities by --columns"
