@@ -29,12 +29,11 @@ MEANINGS = {
     "gravity": "gravity grav schwerkraft gravedad gravite 重力",
     "velocity": "vel velocity velocities speed speeds geschwindigkeit velocidad vitesse velocita twist",
     "place": (
-        "pos position positions latitude longitude lat lon lng alt altitude height location gps gnss east north "
-        "northing easting"
+        "pos position latitude longitude lat lon lng alt altitude height location gps gnss east north northing easting"
     ),
     "time": (
         "sec secs second time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp "
-        "epoch epoc clock chiptime datetime elapsed seconds millis micros nanos ms us ns ts tick ticks tow now "
+        "epoch epoc clock datetime elapsed seconds millis micros nanos ms us ns ts tick ticks tow now "
         "gpst msec usec nsec msecs usecs nsecs 时间 時間 время 시간"
     ),
     "temperature": "temp temps temperature temperatures temperatur temperatura tmp 温度 температура 온도",
@@ -59,7 +58,7 @@ MEANINGS = {
     "raw": "raw uncal uncalibrated uncomp uncompensated unfilt unfiltered adc",
     "processed": (
         "smooth smoothed filt filtered filter lpf lowpass lp cal calib calibrated corrected corr comp "
-        "compensated avg average averaged fused est estimated ema butter butterworth kalman"
+        "compensated avg average averaged fused est estimated ema butter kalman"
     ),
     # These words do not concern the quantity.
     "plain": (

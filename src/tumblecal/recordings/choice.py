@@ -108,8 +108,8 @@ def chosen(
             values = readings(free[:_MOST_COLUMNS])
             found, steps = proposals(free, values), np.diff(values, axis=0)
             rising = np.flatnonzero((steps > 0).all(0) & (steps != 1).any(0))
-            named_time = any(parsed(name).quantity == "time" for name in free)
-            more = f",time={columns.index(free[rising[0]]) + 1}" if len(rising) and not named_time else ""
+            if len(rising) and all(parsed(name).quantity != "time" for name in free):
+                more = f",time={columns.index(free[rising[0]]) + 1}"
         options = [f"{one.option(columns, more)} (size {one.size:.4g})" for one in found[:_MOST_SHOWN]]
         raise question(path, words, options or [COLUMNS_OPTION])
     force = min(body, key=lambda one: STATES.index(one.name.state))

@@ -53,8 +53,7 @@ def clock_among(first: pl.DataFrame, free: Sequence[str], notes: list[str]) -> C
     if whole and parts and {*usable} <= {whole[0], parts[0]}:
         return Column(parts[0], "s", "name", scale=scales[parts[0]], whole=whole[0])
     for other in usable[1:2]:
-        option = shlex.quote(f"time={other}")
-        notes.append(f"clock: {usable[0]}, not {other}; to override: --columns {option}")
+        notes.append(f"clock: {usable[0]}, not {other}; to override: --columns {shlex.quote(f'time={other}')}")
     found = usable or named or dated
     return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 
@@ -113,8 +112,8 @@ def clock_with_unit(
             raise InputError(f"{path}: {words}; {cure}")
         notes.append(f"{words}: ignored")
         return None
-    given = options.time_unit or column.unit
-    unit, note = unit_of_times(times, name, given, options.rate or stated_rate(table), path)
+    unit, note = unit_of_times(times, name, options.time_unit or column.unit, options.rate or stated_rate(table), path)
     notes += [note] * bool(note)
-    why = "the rate that it gives" if note else "file"
-    return replace(column, unit="s", scale=TIME_S[unit], unit_why=why) if unit else None
+    if not unit:
+        return None
+    return replace(column, unit="s", scale=TIME_S[unit], unit_why="the rate that it gives" if note else "file")

@@ -68,8 +68,8 @@ def layout_of(
         raise question(path, f"no row has a number in each of {', '.join(names)}; give others", [COLUMNS_OPTION])
     if not options.signed and (words := signed_words(names, values)):
         raise InputError(f"{path}: {words}")
-    whole = bool(((values == np.round(values)) | np.isnan(values)).all())
-    columns, per_g = with_units(table, columns, options, notes, sizes, path, whole=whole)
+    fractions = (values != np.round(values)) & np.isfinite(values)
+    columns, per_g = with_units(table, columns, options, notes, sizes, path, whole=not fractions.any())
     if "time" in columns:
         clock = clock_with_unit(table, first, columns["time"], options, path, notes)
         columns = {role: column for role, column in {**columns, "time": clock}.items() if column is not None}

@@ -103,7 +103,7 @@ def facts_of(frame: pl.LazyFrame, kept: NDArray[np.bool_], stated_hz: float | No
     if (total := float(np.nansum(whole))) > 0:
         facts["rate_hz"] = float(np.count_nonzero(~gap)) / total
     if regular(ahead):
-        step = float(np.median(ahead))
+        step = np.median(ahead)
         facts["missing"] = max(0, int((np.round(steps[steps > 1.5 * step] / step) - 1).sum()) - equal)
     parts = np.array_split(whole, max(1, len(whole) // _PART_ROWS))
     rates = [float(1 / np.nanmean(part)) for part in parts if 2 * len(part) >= _PART_ROWS and np.nansum(part) > 0]
