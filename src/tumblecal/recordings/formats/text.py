@@ -74,7 +74,7 @@ def _read(source: Source) -> list[Table]:
         good = []
     roles = [{role_of(cell)[0] for cell in row} for row in rows]
     # A last column may be empty in some rows, or in all.
-    named = {len(row) for row, own in zip(rows, roles, strict=True) if own - {""}}
+    named = {len(row) for row, there in zip(rows, roles, strict=True) if there - {""}}
     ends = separator != " " and any(cells_of(line, separator)[width:] == [""] for line in middle)
     columns = width + (ends and width not in named and width + 1 in named)
     # Lines before the rows have words in some columns of numbers.
@@ -88,7 +88,7 @@ def _read(source: Source) -> list[Table]:
     filled = max((k for row in good for k, cell in enumerate(row, start=1) if cell), default=0)
     widths = (columns, columns if clock else filled)
     names, header = header_of(source, written[:first], separator, *widths, clock=bool(clock)) if good else ((), None)
-    axes = [number for number, own in enumerate(roles) if own >= {*FORCE}]
+    axes = [number for number, there in enumerate(roles) if there >= {*FORCE}]
     if header is None and len(axes) == 1:
         # The rows below this line have words under the names, all or the first ones.
         width = len(rows[axes[0]])
