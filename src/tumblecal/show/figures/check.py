@@ -19,7 +19,7 @@ _MOST_NAMES = 17
 
 def check_figure(result: CheckResult, *parts: Callable[[Axes, CheckResult], None]) -> Figure:
     """Parts of a check, `sizes` and `limits`, a panel each."""
-    figure, panels = new_panels(2.8, 1, len(parts), 0.8 + 2.9 * len(parts))
+    figure, panels = new_panels(2.6, 1, len(parts), 0.8 + 2.9 * len(parts))
     for panel, draw in zip(panels[0], parts, strict=True):
         draw(panel, result)
     return figure

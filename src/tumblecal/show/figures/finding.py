@@ -27,6 +27,7 @@ from tumblecal.show.figures.variables import conditions
 # coefficients); variables that are worse than the best by less than the second number are equals.
 _DRIVES, _EQUAL = 0.8, 0.02
 _DEGREE, _HARMONICS, _POINTS = 4, 3, 60
+_Curve = tuple[np.ndarray, np.ndarray]
 
 
 class FindingSignal(NamedTuple):
@@ -43,7 +44,7 @@ class FindingSignal(NamedTuple):
     axis: int
     variable: str
     across: Values
-    curve: tuple[np.ndarray, np.ndarray]
+    curve: _Curve
     before: Values
     after: Values
     marked: Shown
@@ -91,7 +92,7 @@ def _component(diagnosis: Diagnosis, causes: Sequence[Cause]) -> OfAxes:
     return np.where(fit.retained[:, None], signal, np.nan)
 
 
-def _driven(diagnosis: Diagnosis, cause: Cause, signal: Values, axis: int) -> tuple:
+def _driven(diagnosis: Diagnosis, cause: Cause, signal: Values, axis: int) -> tuple[str, Values, _Curve]:
     """The variable of which the signal is a function, its values, and the curve; if there is none, the signal itself."""
     tried = []
     for words, across in _variables(diagnosis, cause, axis, signal):
@@ -128,12 +129,12 @@ def _variables(diagnosis: Diagnosis, cause: Cause, axis: int, signal: Values) ->
     yield f"alpha / ° at beta {largest:g}°", np.where(pitch == largest, data.alpha_deg, np.nan)
 
 
-def _smooth(across: Values, signal: Values, *, circular: bool) -> tuple[float, tuple]:
+def _smooth(across: Values, signal: Values, *, circular: bool) -> tuple[float, _Curve]:
     """Share of a signal's variance that a smooth function of a variable makes, and points of that function."""
     # At most half as many coefficients as values: with as many, any signal would be a function of the variable.
     count, most = len(across), len(across) // 2 - 1
     if most < 1 or np.ptp(signal) == 0:
-        return 0.0, ()
+        return 0.0, (across, signal)
     places = np.concatenate([across, np.linspace(across.min(), across.max(), _POINTS)])
     if circular:
         turns = np.outer(np.radians(places), np.arange(min(_HARMONICS, most // 2) + 1))

@@ -33,7 +33,7 @@ def chart_figure(leaf: str, history: UnitHistory) -> Figure | None:
 def _draw(panel: Axes, across: Sequence, trend: Trend) -> None:
     """Results with their expanded uncertainty, the fitted line, and the control limits, if there are any."""
     unit, factor = shown(trend.unit)
-    values, mean, half = (factor * size for size in (trend.values, trend.mean, trend.control))
+    values, mean, half = factor * trend.values, factor * trend.mean, factor * trend.control
     if half > 0:
         panel.axhspan(mean - half, mean + half, color=BAND, lw=0, zorder=0)
     panel.plot(across, factor * trend.fitted, color=MUTED, lw=0.8)
