@@ -140,6 +140,8 @@ class Batch:
             require_measured(stated["data"])
             diagnosis = self.diagnoser(from_rig=model.rig is not None, **stated)
             require_noise(diagnosis.extended)
+            unusual = model.with_sources(diagnosis.implausible, diagnosis.extended.problem)
+            diagnosis = replace(diagnosis, implausible=unusual)
         except (InputError, MemoryError, LinAlgError) as error:
             fault = error if isinstance(error, InputError) else _unfinished(read, error)
             return Outcome(diagnosis_row(file, fault), fault.faults, f"{file}: rejected")

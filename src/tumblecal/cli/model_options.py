@@ -19,6 +19,7 @@ from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.position_comments import ATTITUDES, BY_HEAD
 from tumblecal.data.repeats import copied_positions
 from tumblecal.data.same_files import given_once
+from tumblecal.data.sensor_parameters import leaf_of
 from tumblecal.data.table import KNOWN, READINGS, likely_meant
 from tumblecal.effects.catalogue import (
     Catalogue,
@@ -30,6 +31,7 @@ from tumblecal.effects.catalogue import (
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.methods import Calibrated, all_methods, checked
 from tumblecal.estimation.planned_positions import compared_with_plan, is_designed
+from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.estimation.visits import with_repeatability
@@ -60,6 +62,7 @@ class StatedModel:
     gravity: Gravity | None = None
     columns: Mapping[str, str] | None = None
     attitudes: str | None = None
+    stated_in: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def usual(self) -> Mapping[str, float]:
@@ -97,6 +100,8 @@ class StatedModel:
             gravity=None if options.gravity is None else gravity_of_option(options.gravity),
             columns=columns or None,
             attitudes=options.attitudes,
+            stated_in={name: f"{options.rig} (priors.{name})" for name in (rig.priors if rig else ())}
+            | {name: f"--prior {name}" for name in given},
         )
 
     def read(self, path: Path, *, check_size: bool = True, one_of_several: bool = False) -> PositionSet:
@@ -170,7 +175,20 @@ class StatedModel:
         chain = self.chain(data, known=self.known(data)) if self.rig else None
         data, setup_errors = checked(data, chain, self.entries)
         made = all_methods(self.problem(data), usual=self.usual, by_columns=self.noise_sd is None)
-        return replace(made, setup_errors=tuple(setup_errors), entries=self.entries)
+        unusual = self.with_sources(made.implausible, made.exact.problem)
+        return replace(made, setup_errors=tuple(setup_errors), entries=self.entries, implausible=unusual)
+
+    def with_sources(self, listed: Sequence[Implausible], problem: Problem) -> tuple[Implausible, ...]:
+        """Implausible parameters of a fit to this problem; those that contradict a statement, with its option or file."""
+        stated = [one for one in listed if one.stated is not None]
+        named = {} if self.head is None or not stated else self.head.priors(problem.chain, problem.where)
+        by_head = {name for names in named for name in names}
+
+        def source(name: str) -> str:
+            prior = [self.stated_in[key] for key in (name, leaf_of(name)) if key in self.stated_in][:1]
+            return " and ".join([*prior, *([f"--head {self.head.source}"] if self.head and name in by_head else [])])
+
+        return tuple([replace(one, stated_in=source(one.parameter)) if one in stated else one for one in listed])
 
     def problem(self, data: PositionSet) -> Problem:
         """The fit of the stated chain to these data."""

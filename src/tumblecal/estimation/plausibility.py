@@ -61,7 +61,7 @@ class Implausible:
     """A parameter outside the usual range: value, sd and the largest usual size, in `unit` as shown.
 
     - `stated`, `stated_sd`: mean and sd of its prior, which it contradicts; `usual` is then the largest deviation
-      from the mean.
+      from the mean. `stated_in`: the option or file that states the prior; "" if unknown.
     """
 
     parameter: str
@@ -72,6 +72,7 @@ class Implausible:
     why: str
     stated: float | None = None
     stated_sd: float | None = None
+    stated_in: str = ""
 
     @property
     def times(self) -> float:
@@ -85,7 +86,8 @@ class Implausible:
         if self.stated is None:
             return f"{self.parameter} = {size} (at most {most} is usual)"
         stated = in_words(f"{self.stated:.4g} +- {self.stated_sd:.2g}", self.unit)
-        return f"{self.parameter} = {size} from the data, but {stated} as stated (prior or head)"
+        source = f" by {self.stated_in}" if self.stated_in else ""
+        return f"{self.parameter} = {size} from the data, but {stated} as stated{source}"
 
 
 def implausible_words(listed: Sequence[Implausible]) -> list[str]:
