@@ -21,11 +21,12 @@ def residuals_figure(exact: Fit) -> Figure:
     """Residuals against the spindle angle: a row for each axis, a column for each pitch setting."""
     data, residuals = exact.data, 1e3 * exact.residuals
     noise, sd = _noise(exact)
-    band, bars, words = 2e3 * sd, None, f"2 standard deviations of the {noise}, {2e3 * sd:.2g} mg"
-    largest, name = np.abs(residuals), "measured - predicted"
+    band, bars, name, largest = 2e3 * sd, None, "measured - predicted", np.abs(residuals)
+    words = f"2 standard deviations of the {noise}, {band:.2g} mg"
     if data.sd is not None:
-        band, bars, words = 0.0, 2e3 * data.sd, None
-        largest, name = largest + bars, "bars: 2 standard deviations, stated"
+        # They may differ from one position to the next.
+        band, bars, name, words = 0.0, 2e3 * data.sd, "bars: 2 standard deviations, stated", ""
+        largest = largest + bars
     columns = angle_columns(data, [Group(name, residuals, np.ones(len(data), bool), bars=bars)])
     reach = np.full((3, 1), 1.1 * np.max(largest, initial=band))
     return residual_figure(columns, np.full(3, band), reach, words)

@@ -43,7 +43,7 @@ def noise_of(diagnosis: Diagnosis) -> Float[np.ndarray, "3"]:
 def predictive_figure(diagnosis: Diagnosis) -> Figure:
     """Every statistic of the residuals within its simulated distribution, and normal quantile plots; before and after."""
     models = models_of(diagnosis)
-    height = (0.14 + 0.13 * len(models)) * len(diagnosis.checks)
+    height = 0.4 * len(diagnosis.checks)
     figure = Figure(figsize=(WIDTH, height + 4.1), layout="constrained")
     parts: Any = figure.subfigures(2, 1, height_ratios=[height + 0.9, 3.2])
     _statistics(parts[0].subplots(), dict(zip(models, (diagnosis.checks, diagnosis.checks_after), strict=False)))
@@ -95,7 +95,7 @@ def limits_figure(diagnosis: Diagnosis) -> Figure | None:
     if np.all(np.isnan(limits)):
         return None
     names = [*dict.fromkeys(name for name, *_ in found)]
-    figure, panel = new_rows(names, 0.19, "detection limit / typical size (in brackets)", 7)
+    figure, panel = new_rows(names, 0.19, "detection limit / typical size (in brackets)")
     low, edge = 0.7 * np.nanmin([*limits, 0.5]), 3 * np.nanmax([*limits, 2.0])
     panel.axvspan(low, 1, color="#eef5ee", lw=0)
     panel.axvline(1, color=INK, lw=0.9)

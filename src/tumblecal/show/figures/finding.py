@@ -150,7 +150,7 @@ def _smooth(across: Values, signal: Values, *, circular: bool) -> tuple[float, _
 
 def card_figures(diagnosis: Diagnosis, signals: Mapping[int, FindingSignal]) -> dict[int, Callable[[], Figure]]:
     """Functions that draw the cards, by number of the finding; 0: the card of a verdict without a finding."""
-    figures: dict[int, Callable[[], Figure]] = {number: partial(small_figure, signals[number]) for number in signals}
+    figures = {number: partial(small_figure, signal) for number, signal in signals.items()}
     if diagnosis.unnamed is not None:
         figures[first_unnamed(diagnosis)] = partial(small_unnamed_figure, diagnosis, diagnosis.unnamed)
     return figures or {0: partial(overview_figure, diagnosis.nominal)}

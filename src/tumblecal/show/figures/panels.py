@@ -48,18 +48,18 @@ def limit(panel: Axes, value: float) -> None:
     panel.axhline(value, color=MUTED, lw=0.8)
 
 
-def name_rows(panel: Axes, names: Sequence[str], size: float = 9) -> None:
+def name_rows(panel: Axes, names: Sequence[str]) -> None:
     """A row for each name, the first above."""
-    panel.set_yticks(range(len(names)), names, fontsize=size)
+    panel.set_yticks(range(len(names)), names)
     panel.set_ylim(len(names) - 0.5, -0.5)
     panel.tick_params(axis="y", length=0)
     panel.grid(axis="y", visible=False)
 
 
-def new_rows(names: Sequence[str], each: float, xlabel: str, size: float = 9) -> tuple[Figure, Axes]:
+def new_rows(names: Sequence[str], each: float, xlabel: str) -> tuple[Figure, Axes]:
     """A figure with a row for each name, of a height in inches."""
     figure, panel = new_panel(each * len(names) + 1.1, xlabel=xlabel)
-    name_rows(panel, names, size)
+    name_rows(panel, names)
     return figure, panel
 
 

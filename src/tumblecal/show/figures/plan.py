@@ -22,7 +22,7 @@ def sphere_figure(plan: DesignedPlan) -> Figure:
         # Lambert's azimuthal projection to the unit circle.
         _by_mounting(panel, plan, np.arctan2(y, x), np.sqrt(np.maximum(1 - np.abs(z), 0)), here)
         panel.set(rmax=1, rticks=np.sqrt(1 - np.cos(np.radians([30, 60]))), yticklabels=[])
-        panel.set_thetagrids([0, 45, 90, 135, 180, 225, 270, 315], ["+x", "", "+y", "", "-x", "", "-y", ""])
+        panel.set_thetagrids([0, 90, 180, 270], ["+x", "+y", "-x", "-y"])
         panel.set_title(f"{sign}z in the centre")
     return with_legend(figure)
 

@@ -15,7 +15,7 @@ from tumblecal.show.figures.panels import OfAxes, Shown, Values, angle_ticks, ma
 
 
 # More pitch settings than these share one panel.
-_MOST_PANELS = 5
+_MOST_PANELS = 8
 
 
 class Group(NamedTuple):
@@ -64,7 +64,7 @@ def residual_figure(
     columns: Sequence[Column],
     noise: Float[np.ndarray, "3"],
     reach: Float[np.ndarray, "3 #columns"],
-    words: str | None = "2 standard deviations of the noise",
+    words: str = "2 standard deviations of the noise",
 ) -> Figure:
     """The panels; residuals beyond the scale are diamonds at its edge.
 
@@ -75,7 +75,7 @@ def residual_figure(
     """
     sharex = "all" if len({column.variable for column in columns}) == 1 else "col"
     sharey = "row" if reach.shape[1] == 1 else "none"
-    width = max(WIDTH, 2.0 * len(columns) + 1.2)
+    width = max(WIDTH, 1.9 * len(columns) + 1.2)
     figure, panels = new_panels(5.2, 3, len(columns), width, sharex=sharex, sharey=sharey)
     reach = np.broadcast_to(reach, panels.shape)
     for (row, place), panel in np.ndenumerate(panels):

@@ -43,7 +43,7 @@ def _most_affected(errors: OfAxes) -> int:
 
 def _map(panel: Axes, diagnosis: Diagnosis, unnamed: Unnamed, axis: int) -> None:
     data, excess = diagnosis.data, unnamed.excess
-    largest = 1e3 * float(np.max(np.abs(excess.values))) or 1.0
+    largest = 1e3 * float(np.max(np.abs(excess.values)))
     colours = {"c": 1e3 * excess.values[:, axis], "cmap": "RdBu_r", "vmin": -largest, "vmax": largest}
     drawn = panel.scatter(data.alpha_deg, data.beta_deg, s=26, edgecolors=MUTED, lw=0.3, **colours)
     if excess.region:
