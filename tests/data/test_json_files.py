@@ -93,7 +93,6 @@ def test_good_files_are_read(tmp_path):
         ),
         ("budget", ("type_b_covariance", 8), MISSING, ": type_b_covariance: a covariance must be symmetric"),
         ("result", ("noise", "rms_g"), [1], ": noise.rms_g: must be a number (got [1])"),
-        ("result", ("implausible", 0), {}, ": implausible.0.parameter: is missing; add it"),
     ],
 )
 def test_a_fault_is_one_line_with_file_key_and_remedy(tmp_path, name, keys, value, words):

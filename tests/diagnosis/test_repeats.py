@@ -75,7 +75,7 @@ def test_means_of_unequal_numbers_carry_their_sd():
 def test_what_does_not_repeat_is_refused_with_its_cost_or_done_where_allowed():
     data = passes(42)
     data = replace(data, alpha_deg=np.linspace(0, 359, len(data)))
-    with pytest.raises(InputError, match=r"2016 positions.*about \d+ min and \d+ GiB.*--max-rows 2016") as refused:
+    with pytest.raises(InputError, match=r"2016 positions.*about [\d.]+ min and \d+ GiB.*--max-rows 2016") as refused:
         in_bounds(data, None)
     assert len(refused.value.faults) == 1
     allowed = in_bounds(data, None, len(data))

@@ -103,11 +103,11 @@ def test_one_attitude_without_a_calibration_has_exit_code_3_and_a_record(example
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--order", "bias=9"], "--order: '9' is not an order; write for example --order bias=3,scale=1 (0 to 5)"),
-        (["--order", "size=1"], "--order: no leaf 'size'; leaves: bias, scale, orthogonality, mount"),
-        (["--knots", "bias=a"], "--knots bias=a: write for example --knots bias=0,20,40 (degC)"),
+        (["--order", "bias=9"], "--order bias=9: '9' is not an order from 0 to 5"),
+        (["--order", "size=1"], "--order size=1: no 'size'; names: bias, scale, orthogonality, mount"),
+        (["--knots", "bias=a"], "--knots bias: 'a': write numbers, such as 0,20,40"),
         (["--order", "bias=3", "--knots", "bias=20"], "--order and --knots both state bias"),
-        (["--bin-width", "0"], "width of the bins, 0 degC: it must be above 0"),
+        (["--bin-width", "0"], "--bin-width. Must be > 0"),
         (["--calibration", "missing.json"], "missing.json"),
     ],
 )

@@ -45,7 +45,8 @@ def _corrections_missing(data: PositionSet, terms: SensorTerms) -> Iterator[tupl
     for variable, change_g in changes_within_dwells(data.comments):
         if variable != TEMPERATURE or not terms.thermal:
             change_mg = None if change_g is None else 1e3 * change_g
-            yield _sized(change_mg, f"the readings change within dwells with {variable}")
+            follows = variable or "time or temperature"
+            yield _sized(change_mg, f"the readings change within dwells with {follows}")
 
 
 def _sized(largest_mg: float | None, reason: str) -> tuple[float | None, str]:

@@ -111,12 +111,16 @@ def within_dwells_comments(within: Sequence[WithinDwells]) -> dict[str, str]:
 
 
 def changes_within_dwells(comments: Mapping[str, str]) -> Iterator[tuple[str, float | None]]:
-    """The changes within dwells that comments state: the variable, and the largest change, g; None if it is not a number."""
-    for variable in filter(lambda variable: _size_key(variable) in comments, _UNITS):
+    """The changes within dwells that comments state: the variable and the largest change, g; "" and None for a file that states
+    no sizes, as those of earlier versions."""
+    stated = [(variable, comments[_size_key(variable)]) for variable in _UNITS if _size_key(variable) in comments]
+    for variable, text in stated:
         try:
-            yield variable, 1e-3 * float(comments[_size_key(variable)])
+            yield variable, 1e-3 * float(text)
         except ValueError:
             yield variable, None
+    if not stated and comments.get(WITHIN_DWELLS):
+        yield "", None
 
 
 def _size_key(variable: str) -> str:

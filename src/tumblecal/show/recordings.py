@@ -71,7 +71,8 @@ def reduction_lines(dwells: "DwellSamples") -> Iterator[str]:
 
 def unusual_lines(reduction: "Reduction") -> list[str]:
     """What the checks of the dwells found that is unusual."""
-    checks = zip(reduction.data.names, reduction.checks, strict=True)
+    # Tables of means have no checks.
+    checks = zip(reduction.data.names, reduction.checks, strict=bool(reduction.checks))
     return grouped_lines((name, "; ".join(check.warnings)) for name, check in checks if check.warnings)
 
 

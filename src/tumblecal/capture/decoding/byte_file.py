@@ -145,6 +145,8 @@ def decode_file(
 
     **Raises:** `InputError` if a file cannot be read or written, or no protocol fits.
     """
+    if out is not None and out.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{out}: must end in .csv or .parquet")
     start = next(pieces_of(path), b"")
     if not start:
         raise InputError(f"{path}: the file is empty")
