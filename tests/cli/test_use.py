@@ -49,7 +49,7 @@ def test_calibrate_ends_with_code_3_and_reports_every_judgement(tumblecal, tmp_p
     assert all(judged["use"]["reason"] in said for judged in content["judgements"])
     assert "; use: no" in tumblecal("history", tmp_path / "lab.db").out
     reported = tumblecal("history", tmp_path / "lab.db", "A-17").out
-    assert reported.startswith("A-17: result 1 must not be used (use: no).\nNEXT: Diagnose the data of such results")
+    assert reported.startswith("A-17: results that must not be used (use: no): 1.\nNEXT: Diagnose their data")
 
 
 @pytest.mark.parametrize("command", ["apply", "export"])
