@@ -29,21 +29,28 @@ _KALMAN: dict[str, Any] = {"color": BLUE, "lw": 2.6, "alpha": 0.6, "label": "Kal
 _EXACT: dict[str, Any] = {"color": OUTSIDE, "ls": (0, (4, 2)), "label": "exact"}
 
 
+def _drawn(study: PaperStudy) -> np.ndarray:
+    """The data sets that are drawn: the first fifty, then every fourth; on a page more would only take space."""
+    sets = np.arange(len(study.single))
+    return sets[(sets < 50) | (sets % 4 == 0)]
+
+
 def group_figure(leaf: str, study: PaperStudy) -> Figure:
     """One kind of parameter: least squares of each set, Kalman filter and exact fit of all sets so far, with the truth."""
     figure, panels = new_panels(2.7, 1, 3, sharex=True)
-    number = np.arange(1, len(study.single) + 1)
+    sets = _drawn(study)
+    number = sets + 1
     places = [index for index, name in enumerate(study.names) if name.startswith(f"{leaf}_")]
     for panel, index in zip(panels[0], places, strict=True):
         unit, factor = shown(study.units[index])
         truth, sd = factor * study.truth[index], factor * study.single_sd[index]
-        centre, half = factor * study.kalman[:, index], 2 * factor * study.kalman_sd[:, index]
+        centre, half = factor * study.kalman[sets, index], 2 * factor * study.kalman_sd[sets, index]
         panel.axhspan(truth - 2 * sd, truth + 2 * sd, color=BAND, alpha=0.6, lw=0, label="2 sd of one set")
-        panel.plot(number, factor * study.single[:, index], ".", ms=2, color=MUTED, label="least squares, each set")
+        panel.plot(number, factor * study.single[sets, index], ".", ms=2, color=MUTED, label="least squares, each set")
         panel.fill_between(number, centre - half, centre + half, color=BLUE, alpha=0.18, lw=0, label="2 sd of Kalman")
         panel.axhline(truth, **_TRUTH)
         panel.plot(number, centre, **_KALMAN)
-        panel.plot(number, factor * study.exact_mean[:, index], **_EXACT)
+        panel.plot(number, factor * study.exact_mean[sets, index], **_EXACT)
         panel.set(title=f"{study.names[index]} / {unit}", xlabel="data set")
     return with_legend(figure, 6)
 
@@ -51,14 +58,15 @@ def group_figure(leaf: str, study: PaperStudy) -> Figure:
 def means_figure(study: PaperStudy) -> Figure:
     """Errors of the estimates of all sets so far, in standard deviations of one set."""
     figure, panels = new_panels(8.6, len(GROUPS), 3, sharex=True, sharey=True)
-    number = np.arange(1, len(study.single) + 1)
+    sets = _drawn(study)
+    number = sets + 1
     band = 2 / np.sqrt(number)
     estimates = ((study.mean, _MEAN), (study.kalman, _KALMAN), (study.exact_mean, _EXACT))
     for index, panel in enumerate(panels.ravel()):
         panel.fill_between(number, -band, band, color=BAND, lw=0, label="2 sd of the mean")
         panel.axhline(0, **_TRUTH)
         for values, look in estimates:
-            panel.plot(number, (values[:, index] - study.truth[index]) / study.single_sd[index], **look)
+            panel.plot(number, (values[sets, index] - study.truth[index]) / study.single_sd[index], **look)
         panel.set(title=study.names[index], ylim=(-0.8, 0.8))
         panel.set(xlabel="data sets so far", ylabel="error / sd of one set")
         panel.label_outer()
