@@ -32,8 +32,8 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     second = read_any(new, (read_any(old).gravity or STANDARD).value_ms2)
     first = read_any(old, (second.gravity or STANDARD).value_ms2)
     degc = common_temperature(first, second)
-    both, notes = zip(_sensor(old, first, degc), _sensor(new, second, degc), strict=True)
-    print(comparison_text(compared(*both)))
+    (before, before_note), (after, after_note) = _sensor(old, first, degc), _sensor(new, second, degc)
+    print(comparison_text(compared(before, after)))
     serials, digests = {first.serial_number, second.serial_number} - {None, ""}, first.provenance.get("sha256")
     if len(serials) > 1:
         warn(old, [f"is of unit {first.serial_number}, but {new} is of {second.serial_number}"])
@@ -51,7 +51,7 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
         warn(new, [words])
     if degc is not None:
         print(f"both at {degc:.4g} degC; the dependence on temperature is not compared")
-    print("\n".join(notes))
+    print(f"{before_note}\n{after_note}")
 
 
 def _sensor(given: str, calibration: "Calibration", degc: float | None) -> "tuple[SensorParameters, str]":

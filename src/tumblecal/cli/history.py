@@ -204,11 +204,12 @@ def _list(database: Path, entries: "Sequence[Entry]") -> None:
     print(listed(entries))
     serials = [entry.serial for entry in entries if not entry.damaged]
     named, nameless = [serial for serial in serials if serial], serials.count("")
-    of_units = named and f"{counted(len(named), 'result')} of {counted(len({*named}), 'unit')}"
-    of_none = nameless and (
-        f"{counted(nameless, 'result')} without a serial number (no unit; state `# serial_number:` in the data)"
-    )
-    count = "; ".join(filter(None, (of_units, of_none))) or "no results"
+    of_units = [f"{counted(len(named), 'result')} of {counted(len({*named}), 'unit')}"] if named else []
+    if nameless:
+        of_units.append(
+            f"{counted(nameless, 'result')} without a serial number (no unit; state `# serial_number:` in the data)"
+        )
+    count = "; ".join(of_units) or "no results"
     print(f"{count}; one unit: {suggested('history', database, 'SERIAL')}")
 
 

@@ -243,7 +243,7 @@ class StatedModel:
         where, stated = where_of(data, chain), self.priors
         if known and self.rig is not None and self.rig.ability is not None:
             stated = with_repeatability(stated, self.rig.ability.repeatability, chain, where)
-        return {**stated, **self.head.priors(chain, where)} if self.head and known else stated
+        return dict(stated.items()) | self.head.priors(chain, where) if self.head and known else stated
 
     def of_head(self, problem: Problem) -> dict[str, Any]:
         """The measured errors of the head, for the provenance of a fit to this problem."""

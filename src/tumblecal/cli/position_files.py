@@ -134,7 +134,7 @@ class PositionFiles:
             from tumblecal.history.database import ready
 
             ready(self.more.history)
-        read = model.read_each(self.given, together=together or self.single, check_size=check_size)
+        read: list[Read] = model.read_each(self.given, together=together or self.single, check_size=check_size)
         if self.joining.join:
             whole, words = self.joining.joined([part for part in read if not isinstance(part, InputError)], model.rig)
             self.command.say(*words)

@@ -99,7 +99,7 @@ def noise_of_reduction(path: Path) -> tuple[dict[str, float], ...]:
 
     **Raises:** `InputError` for a file that is not a reduction.
     """
-    axes = read_json(path)
+    axes: Any = read_json(path)
     try:
         stated = [axes["axes"][axis]["noise"] for axis in AXES]
     except (KeyError, TypeError) as error:

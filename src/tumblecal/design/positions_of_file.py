@@ -42,7 +42,8 @@ def positions_of(path: Path, rig: Rig) -> Positions:
     else:
         captured = read_plan(path)
         rows = ((step.alpha_deg, step.beta_deg, captured.session.mount) for step in captured.steps)
-        degc = [step.temperature_degc for step in captured.steps] if captured.over_temperature else None
+        listed = [step.temperature_degc for step in captured.steps if step.temperature_degc is not None]
+        degc = listed if captured.over_temperature else None
     alpha, beta, mounts = zip(*rows, strict=True)
     require_mounts(rig, mounts, str(path))
     stated = None if degc is None else tuple(map(float, degc))

@@ -107,7 +107,7 @@ def write_calibration_page(path: Path, calibrated: Calibrated, words: Words, dra
         verdict_of_calibration(calibrated, words),
         tone=calibrated.judgements[0].tone,
         tables=tables,
-        figures={"overview": partial(overview_figure, calibrated.exact)} | drawn,
+        figures={"overview": partial(overview_figure, calibrated.exact), **drawn},
         code={"apply": words.lines("apply")},
     )
 

@@ -1,10 +1,11 @@
 """A designed plan for people: its words, `plan.html`, and its lines and tables on a terminal."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from tumblecal.design.model.responses import MOUNT, PITCH
@@ -94,7 +95,7 @@ def _tables(words: Words) -> dict[str, Table]:
 @page
 def write_plan_page(path: Path, plan: DesignedPlan, words: Words) -> None:
     """Write `plan.html`."""
-    figures = {name: partial(figure, plan) for name, figure in FIGURES.items()}
+    figures: dict[str, Callable[[], Figure | None]] = {name: partial(figure, plan) for name, figure in FIGURES.items()}
     figures["small"] = lambda: in_card(uncertainty_figure(plan), 2.3)
     figures["small_in_use"] = lambda: in_card(in_use_figure(plan), 2.0)
     write_page(

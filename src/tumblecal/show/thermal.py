@@ -76,7 +76,7 @@ def write_thermal_page(path: Path, result: ThermalResult, words: Words) -> None:
         verdict_of_thermal(result, words),
         tone=_TONES.get(result.calibration.use.answer or "yes", "good"),
         tables=tables,
-        figures={name: partial(figure, result) for name, figure in (FIGURES | {"changes": small_figure}).items()},
+        figures={name: partial(figure, result) for name, figure in {**FIGURES, "changes": small_figure}.items()},
     )
 
 
