@@ -21,8 +21,9 @@ from scipy.signal import lfilter
 import blind_instrument as blind
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.files import write_positions
+from tumblecal.data.position_comments import NOISE_MODEL
 from tumblecal.noise.dwell_sd import sd_of_means
-from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise, recorded_covariance
+from tumblecal.noise.recorded import RecordedNoise, recorded_covariance
 
 
 RATE, POSITIONS = 50.0, 24

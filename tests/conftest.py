@@ -7,6 +7,7 @@ import sys
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
@@ -233,11 +234,10 @@ def tumblecal(monkeypatch, capsys):
 @pytest.fixture
 def few_effects(monkeypatch):
     """Commands and diagnosers know few effects, and the user's own; see the module of this name."""
-    from few_effects import few
+    from few_effects import few_entries
 
-    whole = importlib.import_module("tumblecal.effects.catalogue").extended
-    for module in ("tumblecal.effects.catalogue", "tumblecal.studies.study_tables"):
-        monkeypatch.setattr(importlib.import_module(module), "extended", lambda sources: few(whole(sources), whole([])))
+    few = SimpleNamespace(ENTRIES=few_entries().values())
+    monkeypatch.setattr(importlib.import_module("tumblecal.effects.catalogue"), "MODULES", [few])
 
 
 @pytest.fixture

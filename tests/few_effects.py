@@ -21,16 +21,6 @@ KINDS = {
 }
 
 
-def few(entries: Catalogue, whole: Catalogue) -> Catalogue:
-    """Of these entries those of the kinds above, faults of single positions and of the noise, and the user's own."""
-    return {
-        id: entry
-        for id, entry in entries.items()
-        if entry.make is None or id not in whole or id.partition(".")[0] in KINDS
-    }
-
-
 def few_entries() -> Catalogue:
-    """The program's entries of these kinds."""
-    entries = catalogue()
-    return few(entries, entries)
+    """The program's entries of these kinds, and faults of single positions and of the noise."""
+    return {id: entry for id, entry in catalogue().items() if entry.make is None or id.partition(".")[0] in KINDS}

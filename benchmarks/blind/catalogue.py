@@ -22,13 +22,13 @@ from blind_noise import position_set  # noqa: E402
 from tumblecal.diagnosis.detection.reference import References  # noqa: E402
 from tumblecal.diagnosis.findings.determined import combinations  # noqa: E402
 from tumblecal.diagnosis.findings.gain import gain  # noqa: E402
-from tumblecal.diagnosis.model.full_model import FullModel, model_of  # noqa: E402
 from tumblecal.diagnosis.refine.insert import fit_with  # noqa: E402
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise  # noqa: E402
 from tumblecal.diagnosis.screening.screen import Screening  # noqa: E402
 from tumblecal.diagnosis.sets.explanation import verdict_of  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 from tumblecal.estimation import default_chain, problem_of, where_of  # noqa: E402
+from tumblecal.full_model.full_model import FullModel, model_of  # noqa: E402
 
 
 PLANS = ("3x8", "4x12")

@@ -30,7 +30,7 @@ _FROM = {
     "Link": "tumblecal.chain.link:Link",
     "Problem": "tumblecal.estimation.problem:Problem",
     "fit": "tumblecal.estimation.exact:fit",
-    "read_rig": "tumblecal.effects.catalogue:read_rig_with_effects",
+    "read_rig": "tumblecal.effects.rig_with_effects:read_rig_with_effects",
     "fit_many": "tumblecal.simulation.many_fits:fit_many",
     "simulate": "tumblecal.simulation.position_means:simulated",
     "calibrate": "tumblecal.estimation.methods:calibrate",

@@ -5,7 +5,7 @@ from tumblecal.data.files import read_positions as read_positions
 from tumblecal.data.positions import PositionSet as PositionSet
 from tumblecal.diagnosis.diagnose import diagnose as diagnose
 from tumblecal.diagnosis.many import diagnose_many as diagnose_many
-from tumblecal.effects.catalogue import read_rig_with_effects as read_rig
+from tumblecal.effects.rig_with_effects import read_rig_with_effects as read_rig
 from tumblecal.estimation.exact import fit as fit
 from tumblecal.estimation.methods import calibrate as calibrate
 from tumblecal.estimation.problem import Problem as Problem

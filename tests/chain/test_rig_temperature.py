@@ -7,8 +7,8 @@ from tumblecal import InputError
 from tumblecal.chain import followings_of, nominal_chain, settings
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.chain.rig_temperature import temperature_content
-from tumblecal.diagnosis.model.followed import already_followed
 from tumblecal.effects import catalogue
+from tumblecal.full_model.followed import already_followed
 from tumblecal.ground.soaks import soaks
 from tumblecal.ground.strict_toml import toml_lines
 from tumblecal.ground.temperature_functions import TemperatureFunctions

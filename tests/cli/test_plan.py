@@ -14,7 +14,8 @@ from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
 from tumblecal.cli.plan import PlanOptions, _allowed
-from tumblecal.effects.catalogue import catalogue, read_rig_with_effects
+from tumblecal.effects.catalogue import catalogue
+from tumblecal.effects.rig_with_effects import read_rig_with_effects
 from tumblecal.estimation.exact import fit
 from tumblecal.simulation.position_means import simulated
 

@@ -129,7 +129,7 @@ def test_folds_of_a_held_out_run(hidden):
 
 
 def test_too_few_positions_are_refused_before_their_plan_is_compiled(diagnoser, table1, monkeypatch):
-    monkeypatch.setattr("tumblecal.diagnosis.model.full_model.programs_of", None)
+    monkeypatch.setattr("tumblecal.full_model.full_model.programs_of", None)
     with pytest.raises(InputError, match="too few"):
         diagnoser(table1.chosen([0, 1]))
     with pytest.raises(InputError, match="cannot determine"):

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from tumblecal.diagnosis import priors
-from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
+from tumblecal.full_model.effect_posterior import Candidates, effect_posterior
 
 
 def by_densities(signals, z, shown, always, candidates):

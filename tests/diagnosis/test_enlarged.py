@@ -6,10 +6,10 @@ import pytest
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.diagnosis.causes.faults import swap
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.full_model.evidence import log_evidence
 
 
 DOF = 24

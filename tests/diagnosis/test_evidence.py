@@ -8,7 +8,7 @@ import pytest
 from scipy import integrate
 from scipy.special import gammaln
 
-from tumblecal.diagnosis.evidence import (
+from tumblecal.full_model.evidence import (
     gain,
     highest_shortfall,
     log_evidence,

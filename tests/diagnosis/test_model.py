@@ -6,8 +6,8 @@ import pytest
 
 from few_effects import few_entries
 from tumblecal.chain import nominal_chain, settings
-from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue, output_effect
+from tumblecal.full_model.full_model import model_of
 
 
 @pytest.fixture(scope="module")

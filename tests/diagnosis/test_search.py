@@ -9,11 +9,12 @@ import pytest
 from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause
 from tumblecal.diagnosis.causes.faults import swap
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.evidence import gain
-from tumblecal.diagnosis.priors import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SIZE_PRIOR
+from tumblecal.diagnosis.priors import FAULT_WEIGHTS, OF_ORDERS, ON_AXES
 from tumblecal.diagnosis.sets.cause_sets import rows_of
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
 from tumblecal.diagnosis.sets.search import Search
+from tumblecal.full_model.evidence import gain
+from tumblecal.full_model.priors import EFFECT_WEIGHT, SIZE_PRIOR
 
 
 DOF = 20

@@ -18,7 +18,7 @@ from blind.conditions import CONDITIONS, drawn, positions_of
 from blind.judge import right as is_right
 from blind_noise import position_set
 from tumblecal.data import read_positions
-from tumblecal.effects.catalogue import read_rig_with_effects
+from tumblecal.effects.rig_with_effects import read_rig_with_effects
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated
 

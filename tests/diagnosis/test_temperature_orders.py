@@ -8,10 +8,10 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.coefficients import about_one_reference, temperature_orders
-from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.diagnosis.sets.classes import other_orders
 from tumblecal.effects import catalogue
 from tumblecal.estimation import problem_of
+from tumblecal.full_model.full_model import model_of
 from tumblecal.lab.diagnosed import extended_calibration
 
 

@@ -13,8 +13,7 @@ from tumblecal.diagnosis.findings.law_shapes import forms, values_of
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace
 from tumblecal.diagnosis.findings.unexplained import Excess, Range, Unnamed, excess
 from tumblecal.effects import catalogue
-from tumblecal.effects.catalogue import extended
-from tumblecal.effects.users_file import Source
+from tumblecal.effects.users_file import Source, extended
 from tumblecal.planning.proposals import Allowed
 from tumblecal.planning.sampling import samples
 from tumblecal.show.diagnosis import suggested_effect
@@ -130,7 +129,7 @@ def test_the_file_has_the_law_as_it_was_fitted():
         unnamed=SimpleNamespace(law=law), data=SimpleNamespace(source="a.csv"), entries=catalogue()
     )
     text = suggested_effect(record)
-    entries = extended([Source("suggested_effect.py", text)])
+    entries = extended(catalogue(), [Source("suggested_effect.py", text)])
     assert len(entries) == len(catalogue()) + len(terms)
     product, square = entries["product_xxx.z"], entries["temperature_3.z"]
     assert product.forms == ({"axis": "z", "powers": [3, 0, 0]},) and product.unit == "mg/g^3"

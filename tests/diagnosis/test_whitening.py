@@ -6,9 +6,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.repeats import Repeats
 from tumblecal.diagnosis.noise.whitening import Whitening
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.noise.covariance import Covariance
 
 

@@ -7,12 +7,12 @@ from scipy.spatial.transform import Rotation
 import blind_instrument as blind
 from blind.plans import remounted
 from tumblecal.chain import nominal_chain, settings
-from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue
 from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.effects.temperature import ENTRIES as OVER_TEMPERATURE
 from tumblecal.estimation.mountings import nominal_rotations
+from tumblecal.full_model.full_model import model_of
 
 
 # The blind instrument measures one run at nearly one temperature: what differs between runs is tested below, and effects over a

@@ -10,8 +10,7 @@ from remounted import blind, measured, passive, two
 from tumblecal.chain.nominal import Mount
 from tumblecal.data.joined import joined
 from tumblecal.estimation import default_chain, exact, problem_of
-from tumblecal.estimation.mountings import turned_mountings, with_distinct_mounts
-from tumblecal.estimation.quarter_turns import quarter_turns
+from tumblecal.estimation.mountings import quarter_turns, turned_mountings, with_distinct_mounts
 from tumblecal.ground.errors import InputError
 
 

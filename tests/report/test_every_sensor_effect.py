@@ -17,12 +17,12 @@ from independent import readings as linear_readings
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import calibration_text, read_calibration
 from tumblecal.devices import TARGETS, Export, losses
-from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import output_effect
 from tumblecal.effects.catalogue import belongs_to, catalogue
 from tumblecal.effects.effect import NO_FORMS, OF_BRANCH, OF_GROUPS, OF_MOUNT, OF_PATH, OF_RESOLUTION, OF_RUN
 from tumblecal.estimation import problem_of
 from tumblecal.estimation.fit import Code, Fit
+from tumblecal.full_model.full_model import model_of
 from tumblecal.lab.record import calibration_of
 
 

@@ -12,7 +12,7 @@ from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data import paper
 from tumblecal.effects import catalogue
-from tumblecal.effects.catalogue import read_rig_with_effects
+from tumblecal.effects.rig_with_effects import read_rig_with_effects
 from tumblecal.simulation.next_measurement import simulated_after
 from tumblecal.simulation.position_means import position_means, simulated
 

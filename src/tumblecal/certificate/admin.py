@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.measured import MEASURED, measured_at
+from tumblecal.data.position_comments import MEASURED, measured_at
 from tumblecal.data.sensor_parameters import SENSOR, UNITS, leaf_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Strict, checked, read_toml, sizes_by_name

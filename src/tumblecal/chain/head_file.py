@@ -13,9 +13,8 @@ from pydantic import Field
 
 from tumblecal.chain.chain import Chain
 from tumblecal.chain.link import Link
-from tumblecal.chain.nominal import UNIT_OF_LEAF
+from tumblecal.chain.nominal import PITCH_ERROR, UNIT_OF_LEAF, unit_of_parameter
 from tumblecal.chain.parameter import Parameter
-from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.chain.where import Where
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml, toml_string
@@ -27,15 +26,13 @@ from tumblecal.ground.units import factor, shown
 _SAME = 0.1
 # Tolerance for rounded sd values, relative to the covariance.
 _ROUNDED = 0.05
-# The name of the error of a pitch setting starts with this and ends with its angle.
-PITCH = "dbeta@"
 # Pitch settings are distinguished by this many decimals of a degree.
 _DECIMALS = 6
 
 
 def pitch_name(beta_rad: float) -> str:
     """The name of the error of a pitch setting (rad), independent of its number in a plan: `dbeta@45`."""
-    return f"{PITCH}{round(float(np.degrees(beta_rad)), _DECIMALS) + 0.0:g}"
+    return f"{PITCH_ERROR}{round(float(np.degrees(beta_rad)), _DECIMALS) + 0.0:g}"
 
 
 def _is_pitch_name(name: str) -> bool:

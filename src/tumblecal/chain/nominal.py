@@ -14,6 +14,8 @@ from tumblecal.chain.link import Link, Place, State, turned
 from tumblecal.chain.parameter import Parameter, coefficients
 from tumblecal.chain.where import Where
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.counted import shortened
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
@@ -194,6 +196,29 @@ NOMINAL = ("base", "pitch_axis", "spindle", "mount", "triad", "output")
 HAND_HELD = ("base", "pitch_axis", "spindle", "free_attitude", "mount", "triad", "output")
 # Units of the leaves, the sensor's first; a coefficient of an effect is given in the unit of its own parameter.
 UNIT_OF_LEAF = {name: leaf.unit for link in reversed(LINKS.values()) for name, leaf in link.leaves.items()}
+
+# Beginning of the names of the errors of single pitch settings.
+PITCH_ERROR = "dbeta@"
+
+
+def unit_of_parameter(name: str, units: Mapping[str, str]) -> str | None:
+    """The unit of a leaf (`dbeta`) or of one of its parameters (`dbeta_0`, `dK_x@run=2`)."""
+    bare = name.partition("@")[0]
+    while bare not in units and "_" in bare:
+        bare = bare.rpartition("_")[0]
+    return units.get(bare)
+
+
+def unit_in(units: Mapping[str, str]) -> Callable[[str], str]:
+    """The unit of a leaf or parameter by its name; a function that raises an `InputError` for an unknown one."""
+
+    def unit_of(name: str) -> str:
+        unit = unit_of_parameter(name, units)
+        if unit is None:
+            raise InputError(f"no such parameter; parameters: {shortened([*units], 10)}")
+        return unit
+
+    return unit_of
 
 
 def nominal_link(

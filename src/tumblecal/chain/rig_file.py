@@ -1,7 +1,7 @@
 """Rigs from TOML, checked strictly: all faults are reported together, with their dotted paths."""
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,11 +9,10 @@ from pydantic import Field
 
 from tumblecal.chain.considered import Considered
 from tumblecal.chain.head_ability import HeadAbilityTable
-from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
+from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf, unit_in
 from tumblecal.chain.plan_table import PlanTable
 from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.chain.rig_temperature import TemperatureTable, rig_temperature
-from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.examples import file_or_example
 from tumblecal.ground.option_texts import faults_of, sizes
@@ -165,23 +164,3 @@ def rig_of(
 def _near(name: str, known: Mapping[str, object]) -> str:
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
     return f"did you mean {' or '.join(near)}?" if near else "`tumblecal effects` lists them"
-
-
-def unit_of_parameter(name: str, units: Mapping[str, str]) -> str | None:
-    """The unit of a leaf (`dbeta`) or of one of its parameters (`dbeta_0`, `dK_x@run=2`)."""
-    bare = name.partition("@")[0]
-    while bare not in units and "_" in bare:
-        bare = bare.rpartition("_")[0]
-    return units.get(bare)
-
-
-def unit_in(units: Mapping[str, str]) -> Callable[[str], str]:
-    """The unit of a leaf or parameter by its name; a function that raises an `InputError` for an unknown one."""
-
-    def unit_of(name: str) -> str:
-        unit = unit_of_parameter(name, units)
-        if unit is None:
-            raise InputError(f"no such parameter; parameters: {shortened([*units], 10)}")
-        return unit
-
-    return unit_of

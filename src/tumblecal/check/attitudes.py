@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from tumblecal.capture.journal import sha256_of
-from tumblecal.data.measured import MEASURED
+from tumblecal.data.position_comments import MEASURED
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions

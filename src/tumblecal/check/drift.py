@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.joined_clocks import TIME_ZERO
-from tumblecal.data.measured import MEASURED, measured_at
+from tumblecal.data.position_comments import MEASURED, measured_at
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.ground.counted import counted

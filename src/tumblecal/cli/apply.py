@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.cli.command import table_file, warn
-from tumblecal.cli.options import Quiet, Recording
+from tumblecal.cli.options import Quiet
+from tumblecal.cli.recording_options import Recording
 from tumblecal.ground.counted import counted
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import RecordingOptions

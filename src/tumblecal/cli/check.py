@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tumblecal.cli.command import Command, add_to_history, results, warn
-from tumblecal.cli.options import Context, Priors, Recording, Rest, ResultOptions, RigFile, Texts, options, within
+from tumblecal.cli.options import Priors, ResultOptions, RigFile, Texts, options, within
+from tumblecal.cli.recording_options import Context, Recording, Rest
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from tumblecal.cli.command import Command, table_file, warn
-from tumblecal.cli.options import Recording
+from tumblecal.cli.recording_options import Recording
 from tumblecal.ground.counted import counted
 from tumblecal.recordings.options import RecordingOptions
 

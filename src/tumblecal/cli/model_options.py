@@ -4,37 +4,24 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tumblecal.chain import Chain
 from tumblecal.chain.following import CHANGE
-from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.chain.head_file import MeasuredHead, read_head
-from tumblecal.chain.nominal import UNIT_OF_LEAF
-from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import unit_in
+from tumblecal.chain.nominal import UNIT_OF_LEAF, unit_in
 from tumblecal.cli.command import warn
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet, read_positions
+from tumblecal.data.overwriting import given_once
 from tumblecal.data.position_comments import ATTITUDES, BY_HEAD
 from tumblecal.data.repeats import copied_positions
-from tumblecal.data.same_files import given_once
 from tumblecal.data.sensor_parameters import leaf_of
 from tumblecal.data.table import KNOWN, READINGS, likely_meant
-from tumblecal.effects.catalogue import (
-    Catalogue,
-    catalogue,
-    first_link,
-    links_and_units,
-    read_rig_with_effects,
-)
+from tumblecal.effects.catalogue import Catalogue, catalogue, first_link, links_and_units
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.methods import Calibrated, all_methods, checked
-from tumblecal.estimation.planned_positions import compared_with_plan, is_designed
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.priors import Priors
-from tumblecal.estimation.slow_noise import with_slow_noise
-from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
@@ -42,6 +29,11 @@ from tumblecal.ground.option_texts import pairs, sd_of_reading, sizes
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.toml_faults import located
 
+
+if TYPE_CHECKING:
+    from tumblecal.chain.head_ability import HeadAbility
+    from tumblecal.chain.head_file import MeasuredHead
+    from tumblecal.chain.rig import Rig
 
 _log = logging.getLogger(__name__)
 _MOST_COPIES = 3
@@ -53,11 +45,11 @@ _LIKE_SAMPLES = 16
 class StatedModel:
     """Model of `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns`, `--effects` and `--attitudes`."""
 
-    rig: Rig | None = None
+    rig: "Rig | None" = None
     noise_sd: float | None = None
     priors: Priors = field(default_factory=dict)
     fixed: frozenset[str] = frozenset()
-    head: MeasuredHead | None = None
+    head: "MeasuredHead | None" = None
     entries: Catalogue = field(default_factory=catalogue)
     gravity: Gravity | None = None
     columns: Mapping[str, str] | None = None
@@ -75,8 +67,15 @@ class StatedModel:
 
         **Raises:** `InputError` for an option that cannot be used.
         """
-        entries = catalogue(*options.effects)
-        rig = None if options.rig is None else read_rig_with_effects(options.rig, entries)
+        entries, rig, head = catalogue(*options.effects), None, None
+        if options.rig is not None:
+            from tumblecal.effects.rig_with_effects import read_rig_with_effects
+
+            rig = read_rig_with_effects(options.rig, entries)
+        if options.head is not None:
+            from tumblecal.chain.head_file import read_head
+
+            head = read_head(options.head, *links_and_units(entries))
         units = UNIT_OF_LEAF | (links_and_units(entries)[1] if rig and rig.effects else {})
         given = sizes("--prior ", options.prior, unit_in(units), "'dbeta=3 arcmin'", zero=True)
         known = [*UNIT_OF_LEAF, *(leaf + CHANGE for leaf in (rig.temperature.leaves if rig else ()))]
@@ -95,7 +94,7 @@ class StatedModel:
             noise_sd=noise_sd,
             priors={**(rig.priors if rig else {}), **{name: (0.0, size) for name, size in given.items()}},
             fixed=frozenset(options.fix),
-            head=None if options.head is None else read_head(options.head, *links_and_units(entries)),
+            head=head,
             entries=entries,
             gravity=None if options.gravity is None else gravity_of_option(options.gravity),
             columns=columns or None,
@@ -162,8 +161,12 @@ class StatedModel:
 
     def compare_with_plan(self, read: Sequence[PositionSet | InputError]) -> None:
         """Print the differences between each set of positions and the designed plan of the rig, if it is one."""
+        if self.rig is None:
+            return
+        from tumblecal.estimation.planned_positions import compared_with_plan, is_designed
+
         for positions in read:
-            if self.rig is not None and is_designed(self.rig) and not isinstance(positions, InputError):
+            if is_designed(self.rig) and not isinstance(positions, InputError):
                 warn(positions.source, compared_with_plan(self.rig, positions))
 
     def calibrated(self, data: PositionSet) -> Calibrated:
@@ -195,9 +198,14 @@ class StatedModel:
         known = self.known(data)
         chain = self.chain(data, known=known)
         problem = problem_of(data, chain, noise_sd=self.noise_sd, priors=self.stated(chain, data, known=known))
-        return with_slow_noise(problem, self.slow_noise(data))
+        ability = self.slow_noise(data)
+        if ability is None:
+            return problem
+        from tumblecal.estimation.slow_noise import with_slow_noise
 
-    def slow_noise(self, data: PositionSet, *, sampled: bool = False) -> HeadAbility | None:
+        return with_slow_noise(problem, ability)
+
+    def slow_noise(self, data: PositionSet, *, sampled: bool = False) -> "HeadAbility | None":
         """The head whose slow noise (`[head.noise]` of the rig) these data have; None if none is stated. If it cannot be used,
         a warning states the reason.
 
@@ -242,6 +250,8 @@ class StatedModel:
         """The priors of the parameters of that chain."""
         where, stated = where_of(data, chain), self.priors
         if known and self.rig is not None and self.rig.ability is not None:
+            from tumblecal.estimation.visits import with_repeatability
+
             stated = with_repeatability(stated, self.rig.ability.repeatability, chain, where)
         return dict(stated.items()) | self.head.priors(chain, where) if self.head and known else stated
 

@@ -9,7 +9,6 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from tumblecal.ground.option_texts import LARGEST_SEED
-from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 Declared = TypeVar("Declared")
@@ -32,9 +31,6 @@ Seed = Annotated[int, within(gte=0, lte=LARGEST_SEED)]
 Count = Annotated[int, within(gte=1)]
 Positive = Annotated[float, within(gt=0, lt=math.inf)]
 Probability = Annotated[float, within(gt=0, lt=1)]
-Recording = Annotated[RecordingOptions, Parameter(name="*")]
-Context = Annotated[KnownContext, Parameter(name="*")]
-Rest = Annotated[Criterion, Parameter(name="*")]
 
 # With this option `commands.run` discards what a command prints to stdout.
 Quiet = Annotated[bool, Parameter(name=("--quiet", "-q"), help="No output except warnings and errors.")]

@@ -106,7 +106,7 @@ def plan(
     from tumblecal.design.plan import design_plan
     from tumblecal.design.plan_files import RIG, earlier_files, write_plan
     from tumblecal.effects import catalogue
-    from tumblecal.effects.catalogue import read_rig_with_effects
+    from tumblecal.effects.rig_with_effects import read_rig_with_effects
     from tumblecal.ground.examples import file_or_example
     from tumblecal.ground.strict_toml import read_toml
     from tumblecal.show.plan import plan_lines, print_plan, words_of_plan, write_plan_page

@@ -44,7 +44,7 @@ def simulate(
     from tumblecal.capture.capture_plan import read_plan
     from tumblecal.data import write_positions
     from tumblecal.effects import catalogue
-    from tumblecal.effects.catalogue import read_rig_with_effects
+    from tumblecal.effects.rig_with_effects import read_rig_with_effects
     from tumblecal.ground.option_texts import sd_of_reading
     from tumblecal.simulation.next_measurement import simulated_after
     from tumblecal.simulation.position_means import simulated

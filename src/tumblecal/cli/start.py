@@ -1,17 +1,20 @@
 """Start of each command that computes: float64, one heap, and a cache of compiled programs."""
 
+import ctypes
 import gc
 import os
 import sys
 import warnings
+from contextlib import suppress
 
 from tumblecal.cli.interrupts import interrupts_kept
-from tumblecal.ground.heap import one_heap
 from tumblecal.ground.precision import enable_float64
 
 
 # New objects between two runs of the garbage collector; the default of Python is 700.
 _COLLECT_EVERY = 50_000
+# M_ARENA_MAX of glibc's malloc.h.
+_ARENA_MAX = -8
 
 
 def start(*, accelerator: bool = False, one_thread: bool = False) -> None:
@@ -30,7 +33,9 @@ def start(*, accelerator: bool = False, one_thread: bool = False) -> None:
 
         use_one_thread()
     interrupts_kept()
-    one_heap()
+    with suppress(OSError, AttributeError, TypeError):
+        # One heap of glibc for all threads, before any is started: compilers and table readers leave tens of megabytes unused.
+        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
     # Before numpy is imported. For matrices of a hundred rows threads only wait for each other, at full load.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if not accelerator:

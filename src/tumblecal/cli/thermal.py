@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tumblecal.cli.command import Command, results
-from tumblecal.cli.options import Context, NoiseSd, Positive, Recording, Rest, Texts, options
+from tumblecal.cli.options import NoiseSd, Positive, Texts, options
+from tumblecal.cli.recording_options import Context, Recording, Rest
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 

@@ -11,8 +11,7 @@ from tumblecal.data.cells import beyond_words, labels_in, number_in
 from tumblecal.data.conditions import temperature_faults, time_fault
 from tumblecal.data.faults import Faults
 from tumblecal.data.gravity_size import gravity_size, power_of_two, size_fault
-from tumblecal.data.measured import MEASURED, measured_at
-from tumblecal.data.position_comments import ATTITUDES, BY_HAND, BY_HEAD, UNKNOWN
+from tumblecal.data.position_comments import ATTITUDES, BY_HAND, BY_HEAD, MEASURED, NOISE_MODEL, UNKNOWN, measured_at
 from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.data.table import (
     DIFFERENT_UNITS,
@@ -38,9 +37,6 @@ from tumblecal.ground.gravity import (
     unit_in_g,
 )
 from tumblecal.ground.units import LARGEST_READING_G, LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
-
-
-_NOISE_MODEL = "noise_model"
 
 
 def positions(table: Table, *, check_size: bool = True) -> PositionSet:
@@ -85,7 +81,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         run=labels.get("run"),
         mount=labels.get("mount"),
         clock=labels.get(TIME_CLOCK) if len({*labels.get(TIME_CLOCK, ())}) > 1 else None,
-        recorded_noise=(table.comments[_NOISE_MODEL],) * len(readings) if _NOISE_MODEL in table.comments else None,
+        recorded_noise=(table.comments[NOISE_MODEL],) * len(readings) if NOISE_MODEL in table.comments else None,
         comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
         in_ms2=reader.unit("") == "ms2",
@@ -134,9 +130,9 @@ class _Reader:
                 self.faults.add(f"unknown column; {hint}", header_line, name or "(no name)")
         if (given := self.table.comments.get(ATTITUDES, UNKNOWN)) not in (BY_HEAD, BY_HAND, UNKNOWN):
             self.faults.add(f"comment attitudes: {given!r}: write {BY_HEAD!r}, {BY_HAND!r} or {UNKNOWN!r}")
-        if self.table.comments.get(_NOISE_MODEL, "-") == "":
+        if self.table.comments.get(NOISE_MODEL, "-") == "":
             self.faults.add(
-                f"comment {_NOISE_MODEL}: no value; run tumblecal reduce again, or delete the line to use the sd columns "
+                f"comment {NOISE_MODEL}: no value; run tumblecal reduce again, or delete the line to use the sd columns "
                 "only"
             )
         if measured := self.table.comments.get(MEASURED):

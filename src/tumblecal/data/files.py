@@ -9,7 +9,6 @@ from pathlib import Path
 from tumblecal.data.columns import positions
 from tumblecal.data.faults import MOST_FAULTS, Faults
 from tumblecal.data.named_layout import named_layout, repeated, row_words
-from tumblecal.data.parquet import metadata_of, put_checksum, read_parquet, scan_parquet
 from tumblecal.data.position_comments import ATTITUDES
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
@@ -155,6 +154,8 @@ def _require_few(path: Path, rows: int) -> None:
 
 
 def _parquet_table(path: Path) -> Table:
+    from tumblecal.data.parquet import read_parquet, scan_parquet
+
     _require_few(path, scan_parquet(path, check=False)[1])
     frame, comments = read_parquet(path)
     columns = {name: frame[name].to_list() for name in frame.columns}
@@ -182,6 +183,8 @@ def write_positions(path: Path | str, data: PositionSet) -> None:
     path = Path(path)
     columns = data.columns
     if path.suffix == ".parquet":
+        from tumblecal.data.parquet import metadata_of, put_checksum
+
         with written_aside(path) as aside:
             data.table().write_parquet(aside, metadata=metadata_of(data.comments))
             put_checksum(aside)

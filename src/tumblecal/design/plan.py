@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.chain.nominal import UNIT_OF_LEAF
+from tumblecal.chain.nominal import UNIT_OF_LEAF, unit_of_parameter
 from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.design.candidates import Candidates, Evaluated
 from tumblecal.design.common_plans import Positions, common_plans
 from tumblecal.design.criteria.criterion import Criterion

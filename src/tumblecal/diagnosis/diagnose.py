@@ -14,9 +14,6 @@ from tumblecal.diagnosis.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.determined import contradicted_priors, require_determined, require_enough
 from tumblecal.diagnosis.findings.gain import folds
 from tumblecal.diagnosis.findings.location import located
-from tumblecal.diagnosis.model.full_model import FullModel, model_of, settings_key
-from tumblecal.diagnosis.model.layout import key_of
-from tumblecal.diagnosis.model.tangent import robust_start, tangent, white_rows
 from tumblecal.diagnosis.noise.rounding import with_rounding
 from tumblecal.diagnosis.priors import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.diagnosis.refine.insert import fit_with
@@ -39,6 +36,9 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.estimation.setup_error import SetupError, undone_by_fit
 from tumblecal.estimation.slow_noise import with_slow_noise
+from tumblecal.full_model.full_model import FullModel, model_of, settings_key
+from tumblecal.full_model.layout import key_of
+from tumblecal.full_model.tangent import robust_start, tangent, white_rows
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError

@@ -16,7 +16,6 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings import residuals
 from tumblecal.diagnosis.findings.determined import Combination, combinations
-from tumblecal.diagnosis.findings.effect_directions import EffectDirections, effect_directions
 from tumblecal.diagnosis.findings.factors import Factor, factors
 from tumblecal.diagnosis.findings.fold_search import chosen_anew
 from tumblecal.diagnosis.findings.gain import Gain, gain, testable_folds
@@ -25,7 +24,6 @@ from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, Unsee
 from tumblecal.diagnosis.findings.location import Located
 from tumblecal.diagnosis.findings.model_average import Average
 from tumblecal.diagnosis.findings.unexplained import Unnamed, unnamed
-from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
 from tumblecal.diagnosis.screening.screened import Screened
@@ -37,6 +35,8 @@ from tumblecal.estimation.mountings import turns_of
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_error import SetupError
+from tumblecal.full_model.effect_directions import EffectDirections, effect_directions
+from tumblecal.full_model.full_model import FullModel
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.pickled import Pickled
 from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, function_named
@@ -117,7 +117,9 @@ class Diagnosis(Pickled, Shown):
     @cached_property
     def directions(self) -> EffectDirections:
         """The directions of the coefficients of all effects, of typical size."""
-        return effect_directions(self.screened.at, self.screened.seen.groups, self.entries, self.members)
+        return effect_directions(
+            self.screened.at, self.screened.seen.groups, self.entries, [cause.slot for cause in self.members]
+        )
 
     @cached_property
     def unseen(self) -> dict[str, Unseen]:

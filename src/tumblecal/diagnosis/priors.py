@@ -2,13 +2,13 @@
 
 Studies: "blind" is `benchmarks/blind catalogue` (seeds up to 11; stated rates are from later ones), "noise"
 `benchmarks/blind_noise.py`, "next" `benchmarks/blind next`, "units" `benchmarks/blind units`. Numbers that follow
-from arithmetic or from a plan alone are defined at their use.
+from arithmetic or from a plan alone are defined at their use. `full_model.priors` has those that a calibration uses too.
 """
 
-# A direction of an effect counts as visible when the nominal model leaves more than this share of it. At 4 x 12 positions
-# 2.6 % of second_order.x are left and 6.6 % of third_order.x: neither may be named without the other. (blind)
-VISIBLE = 0.02
-# The same for an effect around its own exact fit.
+from tumblecal.full_model.priors import VISIBLE
+
+
+# A direction of an effect counts as visible around its own exact fit when this share of it is left.
 SECOND_ORDER = 0.002
 # A direction of an effect counts where the largest coefficient that there may be makes a signal of so many sigma. (an index
 # that is set again while the spindle points up, in addition to the errors of every head)
@@ -24,7 +24,6 @@ MOST_PAIRS, PAIRS_OF_MANY = 5000, 500
 # Prior weight of the kinds of causes: physics of the catalogue, single outlying positions, two exchanged, an angle off by a
 # step, generic terms for causes that no entry describes. Within a kind the weight is spread evenly. Stated probabilities
 # are right with these. (blind)
-EFFECT_WEIGHT = 0.66
 FAULT_WEIGHTS = {"outlier_position": 0.14, "swapped_positions": 0.06, "mislabelled_angle": 0.06}
 FAULT_WEIGHTS |= {"bias_jump": 0.05, "mount_slip": 0.03}
 GENERIC_WEIGHT = 0.08
@@ -72,8 +71,6 @@ FITTED = 9.0
 SAME_TERM = 0.98
 LEAST_VISIBLE_TERM = 0.1
 
-# Prior probability of the number of simultaneous causes: 0, 1, 2, 3, 4. (blind)
-SIZE_PRIOR = (0.25, 0.69, 0.05, 0.004, 0.0003)
 # Of the prior of one cause, the shares of a family of effects (bias against temperature, say) that acts on all three axes,
 # and on two of them, each with a coefficient of its own: such a set counts as one cause. (blind)
 ON_AXES = {3: 0.08, 2: 0.08}
@@ -141,8 +138,6 @@ MOST_RELINEARISATIONS = 6
 UNMOVED = 0.01
 # A direction that the nominal model absorbs is fitted as well where that leaves this much less (sigma^2).
 HIDDEN = 16.0
-# A signal larger than this (sigma) has spoiled the nominal fit that it was linearised around: repeated in any case.
-LARGE = 25.0
 # The exact fit of a large effect contradicts the linear screen when it leaves so much of what was explained there: over three
 # hundred large effects whose explanation is right leave less than 0.005 of it.
 CONTRADICTED = 0.05
@@ -206,15 +201,6 @@ POWER = 0.8
 # many do. Explanations so far (log posterior) behind the best are no candidates for the undetected effects.
 # (decision_coverage.py of 6fc03ecd; now benchmarks/blind use --effects one)
 LEAST_AVERAGED_SHARE, MOST_AVERAGED, MOST_BEHIND = 0.05, 8, 8.0
-# Sizes of the visible signal of undetected effects, noise sd, with their prior weights; the first is that of none.
-# (undetected_coverage.py of 6fc03ecd; now benchmarks/blind use --effects mixed)
-UNDETECTED_SIZES = (0.0, 0.6, 1.0, 2.0, 5.0, 20.0)
-UNDETECTED_WEIGHTS = (5.0, 2.0, 4.0, 3.0, 2.0, 1.0)
-# Sizes of named effects, typical sizes: from below to far above all that are met, so many. (by thought)
-NAMED_SIZES = (0.3, 300.0, 16)
-# Effects of temperature of every sensor, typical sizes, at least. (undetected_coverage.py of 6fc03ecd; now
-# benchmarks/blind use --effects mixed)
-LEAST_TEMPERATURE_EFFECT = 0.3
 # A standard deviation of so many times a coefficient's scale says nothing of it: effects of some hundred times it occur. A
 # combination in which the other coefficients have less than this share is one coefficient. (by thought)
 UNKNOWN, ONE_COEFFICIENT = 1e6, 3e-3

@@ -1,12 +1,10 @@
 """The catalogue: all entries by id, and user entries from a Python file."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 
 from tumblecal.chain import Chain, Link, Where, settings
-from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import read_rig
 from tumblecal.effects import (
     alignment,
     by_setting,
@@ -20,11 +18,22 @@ from tumblecal.effects import (
     temperature,
 )
 from tumblecal.effects.effect import Effect, of_head
-from tumblecal.effects.users_file import Source, effects_of, read_source
 from tumblecal.ground.errors import InputError
 
 
 Catalogue = dict[str, Effect]
+MODULES = (
+    dividing_head,
+    sensor,
+    environment,
+    temperature,
+    alignment,
+    by_setting,
+    history,
+    readout,
+    procedure,
+    noise,
+)
 
 
 def catalogue(*files: Path | str) -> Catalogue:
@@ -42,30 +51,12 @@ def catalogue(*files: Path | str) -> Catalogue:
         >>> effect.symbol, effect.unit, effect.physics
         ('K2', 'mg/g^2', 'K2 u^2')
     """
-    return extended([read_source(Path(file)) for file in files])
+    entries = {entry.id: entry for module in MODULES for entry in module.ENTRIES}
+    if not files:
+        return entries
+    from tumblecal.effects.users_file import extended, read_source
 
-
-def extended(sources: Sequence[Source]) -> Catalogue:
-    """The catalogue with the effects of files whose texts are given.
-
-    **Raises:** `InputError` for a text that cannot be used.
-    """
-    modules = (
-        dividing_head,
-        sensor,
-        environment,
-        temperature,
-        alignment,
-        by_setting,
-        history,
-        readout,
-        procedure,
-        noise,
-    )
-    entries = {entry.id: entry for module in modules for entry in module.ENTRIES}
-    for source in sources:
-        entries |= {effect.id: effect for effect in effects_of(source, entries)}
-    return entries
+    return extended(entries, [read_source(Path(file)) for file in files])
 
 
 def with_effects(effects: Iterable[Effect], entries: Catalogue | None = None) -> Catalogue:
@@ -169,25 +160,6 @@ def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Lin
             makers[id] = partial(first_link, effect)
             units |= {leaf.name: leaf.unit for leaf in Chain(effect.make(every)[:1]).parameters}
     return makers, units
-
-
-def read_rig_with_effects(path: Path | str, entries: Catalogue | None = None) -> Rig:
-    """Read a rig whose chain may name the effects of a catalogue.
-
-    **Arguments:**
-
-    - `path`: the TOML file, or the name of an example (`tumblecal example` lists them).
-    - `entries`: the catalogue; the program's if omitted.
-
-    **Raises:** `InputError` with every fault and its dotted path.
-
-    Examples:
-        >>> import tumblecal
-        >>> rig = tumblecal.read_rig("paper24")
-        >>> len(rig.plan), rig.noise_sd_g, rig.truth["bias"]
-        (24, 0.00015, (0.0011, -0.00075, 0.0008))
-    """
-    return read_rig(path, *links_and_units(catalogue() if entries is None else entries))
 
 
 def first_link(effect: Effect, where: Where) -> Link:

@@ -8,7 +8,7 @@ import linecache
 import sys
 import traceback
 import types
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -66,6 +66,17 @@ def read_source(path: Path) -> Source:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not text in UTF-8"
         raise InputError(f"{path}: cannot be read ({reason})") from error
+
+
+def extended(entries: Mapping[str, Effect], sources: Sequence[Source]) -> dict[str, Effect]:
+    """A catalogue with the effects of files whose texts are given.
+
+    **Raises:** `InputError` for a text that cannot be used.
+    """
+    whole = dict(entries)
+    for source in sources:
+        whole |= {effect.id: effect for effect in effects_of(source, whole)}
+    return whole
 
 
 def effects_of(source: Source, others: Mapping[str, Effect]) -> tuple[Effect, ...]:

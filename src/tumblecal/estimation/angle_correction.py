@@ -12,8 +12,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation.angle_hypotheses import SAME, AngleHypothesis, AngleSearch, with_angles
 from tumblecal.estimation.angle_misfit import EQUAL, SEPARATE, misfit
 from tumblecal.estimation.axes_of_parts import PartMap, part_maps
-from tumblecal.estimation.mountings import nominal_rotations, turned_mountings
-from tumblecal.estimation.quarter_turns import quarter_turns
+from tumblecal.estimation.mountings import nominal_rotations, quarter_turns, turned_mountings
 from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head

@@ -3,12 +3,17 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.chain.head_file import PITCH, MeasuredHead
+from tumblecal.chain.nominal import PITCH_ERROR
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.units import in_words, shown
+
+
+if TYPE_CHECKING:
+    from tumblecal.chain.head_file import MeasuredHead
 
 
 # The largest usual sizes, base units. A vernier is read and a pitch is set within a degree or two, and a triad is
@@ -140,7 +145,7 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
     return tuple(sorted(listed, key=lambda entry: -entry.times))
 
 
-def implausible_head(head: MeasuredHead, stated: Mapping[str, float] | None = None) -> tuple[Implausible, ...]:
+def implausible_head(head: "MeasuredHead", stated: Mapping[str, float] | None = None) -> tuple[Implausible, ...]:
     """The errors of a measured head that are larger than usual, the most unusual first. The limit of `dbeta` applies to pitch
     settings.
 
@@ -150,7 +155,7 @@ def implausible_head(head: MeasuredHead, stated: Mapping[str, float] | None = No
     """
     limits, listed = USUAL | dict(stated or {}), []
     for name, base, value, sd in zip(head.names, head.units, head.values.tolist(), head.sd.tolist(), strict=True):
-        of_pitch = name.startswith(PITCH)
+        of_pitch = name.startswith(PITCH_ERROR)
         usual = limits["dbeta"] if of_pitch else limits.get(name, _OF_EFFECTS.get(base, math.inf))
         if abs(value) - _SURE_SD * sd > usual:
             unit, scale = ("deg", math.degrees(1.0)) if base == "rad" else shown(base)

@@ -7,7 +7,7 @@ import numpy as np
 from tumblecal.chain import Chain, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.chain.where import register_unchecked, with_visits
 from tumblecal.data import PositionSet
-from tumblecal.data.position_comments import BY_HAND
+from tumblecal.data.position_comments import BY_HAND, NOISE_MODEL
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.estimation.problem import UNIT_SD, Problem
@@ -15,7 +15,6 @@ from tumblecal.ground.angle_settings import distinct
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
 from tumblecal.noise.covariance import Covariance
-from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 
 
 # The class itself knows no JAX: capture and its readers need none.
@@ -155,7 +154,11 @@ def _recorded(data: PositionSet) -> Covariance | None:
 
     **Raises:** `InputError` if the noise model and the times of the positions contradict each other.
     """
-    covariance = None if data.sd is None else recorded_covariance(data)
+    if data.sd is None or not data.recorded_noise:
+        return None
+    from tumblecal.noise.recorded import recorded_covariance
+
+    covariance = recorded_covariance(data)
     if covariance is None:
         return None
     noise = Covariance.by_axis(covariance)

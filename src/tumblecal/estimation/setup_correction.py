@@ -17,8 +17,8 @@ from tumblecal.data.conditions import are_kelvin
 from tumblecal.data.gravity_size import FACTORS, NEAR, gravity_size, moving_fault, size_fault, unit_of
 from tumblecal.estimation.angle_correction import Mapped, as_intended, correct_angles, with_turns
 from tumblecal.estimation.gross_reading_errors import correct_decimal_points, refuse_unmeasured, units_of_rows
+from tumblecal.estimation.mountings import turn_of, turn_words
 from tumblecal.estimation.position_problem import where_of
-from tumblecal.estimation.quarter_turns import turn_of, turn_words
 from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.clocks import continued_times

@@ -8,8 +8,8 @@ import numpy as np
 from tumblecal.data import paper
 from tumblecal.data.budget_result import NAME, with_budget_in_folder
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.measured import measured_at
 from tumblecal.data.not_applied import losses_words
+from tumblecal.data.position_comments import measured_at
 from tumblecal.data.result_records import (
     CHECK,
     DIAGNOSIS,

@@ -11,9 +11,9 @@ from jaxtyping import Float
 
 from tumblecal.chain import Where
 from tumblecal.data.calibration_terms import Term, contributions
-from tumblecal.diagnosis.findings.model_average import UndetectedEffects
-from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.effects import Catalogue
+from tumblecal.full_model.effect_directions import UndetectedEffects
+from tumblecal.full_model.full_model import FullModel
 from tumblecal.ground.axes import AXES
 from tumblecal.lab.effect_forms import term_of_form
 from tumblecal.lab.expanded_uncertainty import DIRECTIONS, spanned

@@ -108,7 +108,7 @@ def _reference(diagnosis: Diagnosis, terms: SensorTerms) -> dict[str, Any]:
     """The time (s) and temperature (degC) to which bias and scale factors refer, if the data have such columns.
 
     A linear drift has its mean at the mean time. With a bend, or a decay longer than the measurement, the parameters are means
-    over the measurement, so the file states this time instead (`findings.reference`). A shorter decay is not included. If an
+    over the measurement, so the file states this time instead (`full_model.reference`). A shorter decay is not included. If an
     effect of the given model that the file cannot contain depends on time, the bias refers to the origin of that time. If the
     terms have several reference temperatures, there is no single one.
     """

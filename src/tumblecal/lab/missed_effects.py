@@ -1,8 +1,8 @@
 """Effects of the catalogue that a fit may have missed: a test of the model against them, and what the data still allow.
 
-The test is the Bayes factor of "one effect of the catalogue" against "none" (`diagnosis.evidence`), which is valid for known
+The test is the Bayes factor of "one effect of the catalogue" against "none" (`full_model.evidence`), which is valid for known
 and for unknown noise. By Ville's inequality, noise alone exceeds a factor `c` with a probability of at most `1 / c`. The
-coefficients that the data still allow follow from `diagnosis.findings.effect_posterior`, with each single effect and none as
+coefficients that the data still allow follow from `full_model.effect_posterior`, with each single effect and none as
 explanations.
 """
 
@@ -14,19 +14,23 @@ from jaxtyping import Float, Int
 from scipy.special import logsumexp
 
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.diagnosis.causes.visibility import Visibilities, least_signal, visibilities
-from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
-from tumblecal.diagnosis.findings.effect_directions import EffectDirections, effect_directions
-from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
-from tumblecal.diagnosis.findings.in_use import NOT_CONSIDERED, of_every_sensor
-from tumblecal.diagnosis.findings.model_average import UndetectedEffects
-from tumblecal.diagnosis.findings.reference import moved_to_reference
-from tumblecal.diagnosis.model.full_model import FullModel, model_of
-from tumblecal.diagnosis.model.tangent import Tangent, tangent
-from tumblecal.diagnosis.priors import EFFECT_WEIGHT, SIZE_PRIOR, VISIBLE
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.contradicted import column_space
 from tumblecal.estimation.fit import Fit
+from tumblecal.full_model.effect_directions import (
+    NOT_CONSIDERED,
+    EffectDirections,
+    UndetectedEffects,
+    effect_directions,
+    of_every_sensor,
+)
+from tumblecal.full_model.effect_posterior import Candidates, effect_posterior
+from tumblecal.full_model.evidence import log_evidence, log_evidence_of_noise
+from tumblecal.full_model.full_model import FullModel, model_of
+from tumblecal.full_model.priors import EFFECT_WEIGHT, SIZE_PRIOR, VISIBLE
+from tumblecal.full_model.reference import moved_to_reference
+from tumblecal.full_model.tangent import Tangent, tangent
+from tumblecal.full_model.visibility import Visibilities, least_signal, visibilities
 from tumblecal.ground.blas import single_blas_thread
 
 

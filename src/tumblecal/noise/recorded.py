@@ -20,8 +20,6 @@ from tumblecal.noise.dwell_fit import fit_dwells
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
-# The comment with the noise.
-NOISE_MODEL = "noise_model"
 # A stated sd this much above that of the parts belongs to a noisier dwell.
 _NOISIER = 1.2
 _MOST_PARTS = 64

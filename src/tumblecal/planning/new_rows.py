@@ -14,11 +14,11 @@ from tumblecal.chain import Link, Parameter, parameters_of
 from tumblecal.chain.nominal import Mount
 from tumblecal.chain.where import VISITS
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.tangent import white_rows
 from tumblecal.estimation.chain_programs import Evaluation
+from tumblecal.estimation.mountings import turn_of
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.quarter_turns import turn_of
+from tumblecal.full_model.full_model import FullModel
+from tumblecal.full_model.tangent import white_rows
 from tumblecal.ground.frames import rotation_angles, rotation_matrix
 from tumblecal.planning.conditions import Conditions, continued
 from tumblecal.planning.proposals import SIDES, Proposal

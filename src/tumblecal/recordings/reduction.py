@@ -13,6 +13,7 @@ import numpy as np
 
 from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.files import write_positions
+from tumblecal.data.position_comments import NOISE_MODEL
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
@@ -20,7 +21,7 @@ from tumblecal.noise.allan import averaging_factors, overlapping_allan
 from tumblecal.noise.allan_fit import quantisation_and_misfit
 from tumblecal.noise.dwell_fit import ordinary_dwells
 from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
-from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
+from tumblecal.noise.recorded import RecordedNoise
 from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, without_common_change
 from tumblecal.recordings.dwells.axis_checks import require_axes_answer
 from tumblecal.recordings.dwells.dwell_checks import DwellChecks, check_dwell

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from tumblecal.chain.head_file import PITCH
+from tumblecal.chain.nominal import PITCH_ERROR
 from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.diagnosis.units.record import units_record
@@ -44,7 +44,7 @@ def words_of_units(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -
         positions=sum(len(unit.at.problem.readings) for unit in found.batch.units),
         implausible=implausible_words(found.implausible),
         head=head,
-        pitch_names=[name for name in head if name.startswith(PITCH)],
+        pitch_names=[name for name in head if name.startswith(PITCH_ERROR)],
         estimates=[head_sizes(found, entries, number) for number in range(len(units))],
         origins=dict(sorted(sources.items(), key=lambda row: -row[0][1] - row[0][2])),
         levels=levels,

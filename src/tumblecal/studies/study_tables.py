@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from tumblecal.chain.nominal import UNIT_OF_LEAF
+from tumblecal.chain.nominal import UNIT_OF_LEAF, unit_of_parameter
 from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import rig_of, unit_of_parameter
-from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
-from tumblecal.effects.users_file import Source, read_source
+from tumblecal.chain.rig_file import rig_of
+from tumblecal.effects.catalogue import Catalogue, catalogue, links_and_units
+from tumblecal.effects.users_file import Source, extended, read_source
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import (
     Angle,
@@ -189,7 +189,7 @@ def read_study(
     """
     content: dict[str, Any] = dict(read_toml(path)) | dict(changes or {})
     sources = [read_source(file) for file in effects]
-    entries = extended(sources)
+    entries = extended(catalogue(), sources)
     faults = table_faults(kind, content, path) or unknown_effects(content, path, entries)
     rig: dict[str, Any] = {}
     if isinstance(name := content.get("rig"), str):
@@ -232,7 +232,7 @@ def rig_of_study(study: Mapping[str, Any]) -> Rig:
 
 def entries_of(study: Mapping[str, Any]) -> Catalogue:
     """The catalogue of a study from `read_study`: the program's effects and those of the user's files."""
-    return extended([Source(**source) for source in study.get("effects", ())])
+    return extended(catalogue(), [Source(**source) for source in study.get("effects", ())])
 
 
 def noise_of(table: StudyNoiseTable, rig: Rig) -> tuple[float, np.ndarray | None]:

@@ -24,11 +24,12 @@ from tumblecal.design.model.one_visit import OneVisit, one_visit
 from tumblecal.design.model.responses import Responses
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.limits import noncentrality
-from tumblecal.diagnosis.model.full_model import FullModel, model_of
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.priors import EFFECT_TEST_WEIGHT, POWER, SURE, VISIBLE
+from tumblecal.diagnosis.priors import EFFECT_TEST_WEIGHT, POWER, SURE
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import entry
+from tumblecal.full_model.full_model import FullModel, model_of
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor

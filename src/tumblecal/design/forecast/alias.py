@@ -9,9 +9,9 @@ from jaxtyping import Float
 
 from tumblecal.chain import Place, State, Where, settings
 from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan
-from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.full_model.layout import Slot
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.showing import brief
 from tumblecal.simulation.inject import injected_links

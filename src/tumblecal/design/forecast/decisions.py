@@ -16,7 +16,6 @@ from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.detection.detect import statistics
-from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.findings.location import parts_of_effect
 from tumblecal.diagnosis.lack_of_fit.components import mean_over_sizes
 from tumblecal.diagnosis.priors import (
@@ -26,13 +25,14 @@ from tumblecal.diagnosis.priors import (
     LEAST_ODDS,
     NEGLIGIBLE,
     PROMISING,
-    SIZE_PRIOR,
     SURE,
 )
 from tumblecal.diagnosis.sets.cause_sets import Members, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSets, partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors
+from tumblecal.full_model.evidence import log_evidence, log_evidence_of_noise
+from tumblecal.full_model.priors import SIZE_PRIOR
 
 
 class Decisions(NamedTuple):

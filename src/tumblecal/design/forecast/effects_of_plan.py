@@ -15,9 +15,6 @@ from tumblecal.diagnosis.causes.effects import SeenEffects, seen_effects
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
 from tumblecal.diagnosis.detection.detect import kept_null
-from tumblecal.diagnosis.model.full_model import FullModel, model_of
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent, tangent
 from tumblecal.diagnosis.priors import SIZE
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import entry
@@ -25,6 +22,9 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.estimation.visits import with_repeatability
+from tumblecal.full_model.full_model import FullModel, model_of
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.tangent import Tangent, tangent
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor

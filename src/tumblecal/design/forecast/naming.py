@@ -19,8 +19,9 @@ from tumblecal.design.forecast.decisions import Decisions, decisions, detections
 from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
 from tumblecal.design.model.cells import cells_of
 from tumblecal.diagnosis.findings.limits import noncentrality
-from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER, VISIBLE
+from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER
 from tumblecal.effects import Catalogue
+from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 
 

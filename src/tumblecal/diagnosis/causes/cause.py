@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.layout import Slot
 from tumblecal.ground.showing import brief
 
 

@@ -5,10 +5,10 @@ import numpy as np
 from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.faults import log_weights
 from tumblecal.diagnosis.causes.table import CauseTable, tables_of
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import OUTLIER_VISIBLE
 from tumblecal.effects import AXES
 from tumblecal.estimation.equal_ends import equal_ends
+from tumblecal.full_model.tangent import Tangent
 
 
 CLIPPED = Kind("clipped")

@@ -9,10 +9,11 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause, family_of
 from tumblecal.diagnosis.causes.table import CauseTable
-from tumblecal.diagnosis.causes.visibility import Visibilities, Visibility, least_signal, visibilities
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.priors import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, LEAST_POSSIBLE, SECOND_ORDER, VISIBLE
+from tumblecal.diagnosis.priors import EFFECT_TEST_WEIGHT, LEAST_POSSIBLE, SECOND_ORDER
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.priors import EFFECT_WEIGHT, VISIBLE
+from tumblecal.full_model.tangent import Tangent
+from tumblecal.full_model.visibility import Visibilities, Visibility, least_signal, visibilities
 from tumblecal.ground.showing import brief
 
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import MOST_PAIRS, PAIRS_OF_MANY
+from tumblecal.full_model.tangent import Tangent
 
 
 # So many positions are paired with all others at once.

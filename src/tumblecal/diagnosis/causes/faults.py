@@ -17,7 +17,6 @@ from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.exchanged_pairs import exchanged_pairs
 from tumblecal.diagnosis.causes.plan_steps import Step, plan_steps
 from tumblecal.diagnosis.causes.table import CauseTable, equally_weighted
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import (
     FAR,
     FAULT_TEST_WEIGHTS,
@@ -28,6 +27,7 @@ from tumblecal.diagnosis.priors import (
     OUTLIER_VISIBLE,
 )
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.tangent import Tangent
 
 
 # Noise of this many times its level is drawn in none of the tests.

@@ -16,10 +16,10 @@ from jaxtyping import Float, Int
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.table import CauseTable, equally_weighted
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.effects import AXES
 from tumblecal.effects.effect import elapsed
+from tumblecal.full_model.tangent import Tangent
 
 
 UNEXPLAINED = "unexplained"

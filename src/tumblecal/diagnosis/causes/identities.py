@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain, Link, Place, State, Where, settings
-from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.full_model.layout import Slot
 
 
 # Attitudes: several times the columns of any sets that are compared.

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.faults import log_weights
 from tumblecal.diagnosis.causes.table import CauseTable, equally_weighted
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import LEAST_VISIBLE_TERM
 from tumblecal.effects import AXES
+from tumblecal.full_model.tangent import Tangent
 
 
 # Ids of the kinds.

@@ -18,10 +18,10 @@ from tumblecal.diagnosis.causes.shapes import shape_causes
 from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
 from tumblecal.diagnosis.causes.together import Together, family_bases, on_axes, polynomials
-from tumblecal.diagnosis.causes.visibility import Visibility
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import FAMILY_TEST_WEIGHT
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.tangent import Tangent
+from tumblecal.full_model.visibility import Visibility
 from tumblecal.ground.showing import brief
 
 

@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
 from tumblecal.diagnosis.causes.table import CauseTable, equally_weighted
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import LEAST_VISIBLE_TERM, SHAPE_TEST_WEIGHT, SHAPE_WEIGHT
+from tumblecal.full_model.tangent import Tangent
 
 
 # Spindle angles where the triad may be turned, over so many rad about; knots of the time at one pitch setting.

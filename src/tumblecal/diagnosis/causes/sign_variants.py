@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.table import CauseTable
-from tumblecal.diagnosis.causes.visibility import least_signal
-from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.priors import EFFECT_WEIGHT, VISIBLE
+from tumblecal.full_model.priors import EFFECT_WEIGHT, VISIBLE
+from tumblecal.full_model.tangent import Tangent
+from tumblecal.full_model.visibility import least_signal
 
 
 SIGNS = Kind("signs")

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause, Kind
-from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.full_model.layout import Slot
 from tumblecal.ground.showing import brief
 
 

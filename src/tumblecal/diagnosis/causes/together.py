@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.cause import family_of
-from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.effects import AXES
+from tumblecal.full_model.layout import Slot
 from tumblecal.ground.showing import brief
 
 

@@ -10,9 +10,9 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.lack_of_fit import LackOfFit
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.priors import ALTERNATIVES_SHARE
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

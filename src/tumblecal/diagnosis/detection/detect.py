@@ -17,8 +17,6 @@ from scipy import special
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.detection.alternatives import Alternatives
-from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import (
     CLOSE,
     CLOSE_HAND_HELD,
@@ -30,6 +28,8 @@ from tumblecal.diagnosis.priors import (
     SEVERAL_SIZE,
     SIZE,
 )
+from tumblecal.full_model.evidence import log_evidence, log_evidence_of_noise
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.program_cache import program_cache, sources_digest
 
 

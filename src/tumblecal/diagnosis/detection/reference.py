@@ -12,11 +12,11 @@ from tumblecal.chain.where import Column
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import alternatives
 from tumblecal.diagnosis.detection.detect import kept_null
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.layout import Layout
-from tumblecal.diagnosis.model.tangent import Tangent, tangent
 from tumblecal.diagnosis.priors import EVEN, FINE_LEVEL, SAME_INPUTS, TYPICAL_NOISE
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.full_model import FullModel
+from tumblecal.full_model.layout import Layout
+from tumblecal.full_model.tangent import Tangent, tangent
 from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 

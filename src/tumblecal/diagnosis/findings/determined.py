@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.model.tangent import robust_start, tangent
 from tumblecal.diagnosis.priors import ONE_COEFFICIENT, SIZE, UNKNOWN
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
@@ -16,6 +15,7 @@ from tumblecal.estimation.identifiability import sparse_basis, surely_full_rank
 from tumblecal.estimation.linearised import identifiability_of, linearised
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.tangent import robust_start, tangent
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 

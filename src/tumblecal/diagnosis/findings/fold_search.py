@@ -9,22 +9,15 @@ directions.
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.evidence import highest_shortfall, log_evidence_at_most
 from tumblecal.diagnosis.findings.gain import fold_errors
-from tumblecal.diagnosis.priors import (
-    COLLINEAR,
-    FOLD_ROUNDS,
-    FOLD_SETS,
-    FOLD_SINGLES,
-    HOPELESS,
-    NEAR_IN_FOLDS,
-    SIZE_PRIOR,
-)
+from tumblecal.diagnosis.priors import COLLINEAR, FOLD_ROUNDS, FOLD_SETS, FOLD_SINGLES, HOPELESS, NEAR_IN_FOLDS
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors
+from tumblecal.full_model.evidence import highest_shortfall, log_evidence_at_most
+from tumblecal.full_model.priors import SIZE_PRIOR
 
 
 # Least singular value of a direction of the residual space that is lost without a fold.

@@ -1,7 +1,7 @@
 """Parameters for use of a calibration: at one reference, with one stated uncertainty.
 
 The covariance of one fit is that of its noise. Here every effect of the catalogue is included, named or not
-(`findings.effect_posterior`). The mean of the named effects is removed from the parameters and, once an error was detected,
+(`full_model.effect_posterior`). The mean of the named effects is removed from the parameters and, once an error was detected,
 that of all effects that are no property of the sensor. The covariance is the mean square deviation from the written values,
 over all explanations (Hoeting et al. 1999, Statistical Science 14, 382) and over the effects that were not detected.
 """
@@ -15,18 +15,8 @@ from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.sign_variants import SIGNS
-from tumblecal.diagnosis.findings.effect_directions import EffectDirections, included_orders
-from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
-from tumblecal.diagnosis.findings.model_average import (
-    Average,
-    UndetectedEffects,
-    Weighed,
-    is_thermal,
-    remaining_explanations,
-)
-from tumblecal.diagnosis.findings.reference import at_reference, long_lived, moved_to_reference
-from tumblecal.diagnosis.model.tangent import tangent
-from tumblecal.diagnosis.priors import MOST_BEHIND, SIZE_PRIOR
+from tumblecal.diagnosis.findings.model_average import Average, Weighed, is_thermal, remaining_explanations
+from tumblecal.diagnosis.priors import MOST_BEHIND
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.groups import grouped
@@ -35,16 +25,17 @@ from tumblecal.effects import Catalogue
 from tumblecal.effects.effect import NO_FORMS, reason_not_held
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
-
-
-# Stated with the data (--gravity), or an input of the budget.
-NOT_CONSIDERED = ("gravity_value",)
-_OF_EVERY_SENSOR = ("bias_temperature", "scale_temperature")
-
-
-def of_every_sensor(id: str) -> bool:
-    """Whether every sensor has this effect."""
-    return id.partition(".")[0] in _OF_EVERY_SENSOR
+from tumblecal.full_model.effect_directions import (
+    NOT_CONSIDERED,
+    EffectDirections,
+    UndetectedEffects,
+    included_orders,
+    of_every_sensor,
+)
+from tumblecal.full_model.effect_posterior import Candidates, effect_posterior
+from tumblecal.full_model.priors import SIZE_PRIOR
+from tumblecal.full_model.reference import at_reference, long_lived, moved_to_reference
+from tumblecal.full_model.tangent import tangent
 
 
 class _Estimate(NamedTuple):

@@ -10,15 +10,16 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import special
 
-from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.findings.effect_directions import EffectDirections, included_orders
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.priors import POWER, VISIBLE
+from tumblecal.diagnosis.priors import POWER
 from tumblecal.diagnosis.refine.insert import directions_of
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.full_model.effect_directions import EffectDirections, included_orders
+from tumblecal.full_model.evidence import log_evidence
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
 

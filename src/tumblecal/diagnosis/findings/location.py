@@ -17,14 +17,15 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.table import CauseTable
-from tumblecal.diagnosis.causes.visibility import least_signal, visibilities
-from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.priors import LEAST_LOCATED_ODDS, VISIBLE
+from tumblecal.diagnosis.priors import LEAST_LOCATED_ODDS
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors
+from tumblecal.full_model.priors import VISIBLE
+from tumblecal.full_model.tangent import Tangent
+from tumblecal.full_model.visibility import least_signal, visibilities
 
 
 # A part has at least this many positions, and leaves as many.

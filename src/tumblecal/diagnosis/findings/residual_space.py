@@ -7,9 +7,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.special import gammaincc
 
-from tumblecal.diagnosis.model.tangent import unreachable
 from tumblecal.diagnosis.priors import VISIBLE_TERM
 from tumblecal.estimation.fit import Fit
+from tumblecal.full_model.tangent import unreachable
 from tumblecal.ground.showing import brief
 
 

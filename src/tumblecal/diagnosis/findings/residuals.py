@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
-from tumblecal.diagnosis.priors import VISIBLE
 from tumblecal.effects import AXES
 from tumblecal.estimation.fit import Fit
+from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.angle_settings import setting_index
 
 

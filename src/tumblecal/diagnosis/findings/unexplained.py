@@ -17,7 +17,6 @@ from tumblecal.chain import Where
 from tumblecal.diagnosis.findings.candidate_law import Law, candidate_law
 from tumblecal.diagnosis.findings.law_shapes import Form, boxes, pulses, values_of
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace, explained_by, products
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import (
     BOTH_ENDS,
     EXPLAINED_REST,
@@ -30,6 +29,7 @@ from tumblecal.diagnosis.priors import (
 )
 from tumblecal.effects import AXES
 from tumblecal.estimation.fit import Fit
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg.lapack import dpttrf, dsytrd  # type: ignore[attr-defined]
 
-from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, log_evidence_of_noise
+from tumblecal.full_model.evidence import LARGEST, SMALLEST, log_evidence_of_noise
 from tumblecal.ground.showing import brief
 
 

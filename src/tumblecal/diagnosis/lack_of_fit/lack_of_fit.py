@@ -19,8 +19,8 @@ from tumblecal.diagnosis.lack_of_fit.components import BySize, Components, mean_
 from tumblecal.diagnosis.lack_of_fit.one_curve import OneCurve, best_curve, one_curve
 from tumblecal.diagnosis.lack_of_fit.processes import Process, Processes, processes
 from tumblecal.diagnosis.lack_of_fit.stacks import Stack, shown, stacked
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import FITTED, LACK_OF_FIT_TEST_WEIGHT, LACK_OF_FIT_WEIGHT, NEAR_CURVE
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

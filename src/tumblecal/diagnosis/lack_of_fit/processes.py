@@ -14,8 +14,8 @@ from jaxtyping import Float, Int
 from tumblecal.diagnosis.causes.generic import HEAD_ANGLES
 from tumblecal.diagnosis.causes.shapes import products
 from tumblecal.diagnosis.lack_of_fit.variables import Variable, of_angles, of_readings, of_side, of_time
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.effects import AXES
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

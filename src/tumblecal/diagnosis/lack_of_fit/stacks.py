@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.components import Components
 from tumblecal.diagnosis.lack_of_fit.processes import Processes
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import LEAST_VISIBLE_TERM, SAME_TERM
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import gammaln
 
-from tumblecal.diagnosis.evidence import log_evidence_of_noise
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel, noise_models
 from tumblecal.diagnosis.noise.repeats import Repeats
 from tumblecal.diagnosis.noise.whitening import Whitening
+from tumblecal.full_model.evidence import log_evidence_of_noise
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

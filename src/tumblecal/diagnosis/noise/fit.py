@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.models import Family, NoiseModel
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.noise.covariance import Covariance
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import (
     ATTITUDE_SCATTERS,
     AXIS_RATIOS,
@@ -31,6 +30,7 @@ from tumblecal.diagnosis.priors import (
 )
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.noise.covariance import Covariance
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.models import NoiseModel, noisier_readings
 from tumblecal.diagnosis.priors import ATTITUDE_ERRORS, GENERIC_WEIGHT, NOISE_WEIGHT
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 

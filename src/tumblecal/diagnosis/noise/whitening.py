@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.repeats import Repeats
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 

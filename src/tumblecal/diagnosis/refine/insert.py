@@ -10,14 +10,15 @@ from scipy.linalg.lapack import dtrtri  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.sign_variants import start_with_signs
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.tangent import Tangent, tangent, white_residual, white_rows
-from tumblecal.diagnosis.priors import HIDDEN, LARGE
+from tumblecal.diagnosis.priors import HIDDEN
 from tumblecal.diagnosis.refine.hidden import hidden_shifts
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import surely_full_rank
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.full_model import FullModel
+from tumblecal.full_model.priors import LARGE
+from tumblecal.full_model.tangent import Tangent, tangent, white_residual, white_rows
 
 
 _log = logging.getLogger(__name__)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.fit import corrected
 from tumblecal.diagnosis.noise.models import LEVEL, NOISIER, NoiseModel
@@ -21,7 +20,6 @@ from tumblecal.diagnosis.priors import (
     MOST_SETS_WITH_NOISE,
     MOST_UNEQUAL,
     SEVERAL_CAUSES,
-    SIZE_PRIOR,
     SURE_LEVEL,
 )
 from tumblecal.diagnosis.refine.insert import fit_with
@@ -40,6 +38,8 @@ from tumblecal.diagnosis.sets.prior import SetPriors, given_found
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.priors import SIZE_PRIOR
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.noise.covariance import Covariance
 
 

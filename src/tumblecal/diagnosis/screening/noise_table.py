@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.models import NoiseModel
 from tumblecal.diagnosis.priors import HOPELESS_NOISE, MANY_OUTLIERS, MOST_SETS_WITH_NOISE, SURE
@@ -19,6 +18,7 @@ from tumblecal.diagnosis.sets.cause_sets import Members, parts_of, rows_of
 from tumblecal.diagnosis.sets.partial_set import PartialSet
 from tumblecal.diagnosis.sets.prior import SetPriors, given_found
 from tumblecal.diagnosis.sets.search import Search
+from tumblecal.full_model.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
 
 
 # The noise as assumed, as an alternative to a fault of the noise.

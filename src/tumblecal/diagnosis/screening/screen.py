@@ -13,20 +13,7 @@ from tumblecal.diagnosis.causes.sign_variants import sign_variants
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
 from tumblecal.diagnosis.detection.detect import Detection, detect, detected_positions, detected_together
 from tumblecal.diagnosis.detection.reference import Reference
-from tumblecal.diagnosis.evidence import log_evidence_of_noise
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent, robust_start, tangent
-from tumblecal.diagnosis.priors import (
-    CURVED,
-    LARGE,
-    MOST_RELINEARISATIONS,
-    PROMISING,
-    RIVAL_SHARE,
-    SIZE,
-    SIZE_PRIOR,
-    UNMOVED,
-)
+from tumblecal.diagnosis.priors import CURVED, MOST_RELINEARISATIONS, PROMISING, RIVAL_SHARE, SIZE, UNMOVED
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import Members, parts_of
@@ -39,6 +26,11 @@ from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.plausibility import implausible
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.evidence import log_evidence_of_noise
+from tumblecal.full_model.full_model import FullModel
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.priors import LARGE, SIZE_PRIOR
+from tumblecal.full_model.tangent import Tangent, robust_start, tangent
 
 
 _log = logging.getLogger(__name__)

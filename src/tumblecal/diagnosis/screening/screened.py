@@ -11,13 +11,14 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.detection.alternatives import Alternatives
 from tumblecal.diagnosis.detection.detect import Detection
-from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.priors import CONTRADICTED, SETTLED, SIZE_PRIOR, UNMOVED
+from tumblecal.diagnosis.priors import CONTRADICTED, SETTLED, UNMOVED
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.priors import SIZE_PRIOR
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.evidence import ROUNDING
 from tumblecal.diagnosis.priors import SLIP_WEIGHT
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.prior import log_prior
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.setup_error import SetupError
+from tumblecal.full_model.evidence import ROUNDING
 
 
 # Errors that are corrected by different angles of rows.

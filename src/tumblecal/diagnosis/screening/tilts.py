@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 
 from tumblecal.data.position_comments import BY_HAND
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.tangent import robust_start, tangent
 from tumblecal.diagnosis.priors import LEAST_NOISE_ODDS, SURE_SCATTER
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
@@ -12,6 +10,8 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.estimation.attitude_scatter import LEAST_ODDS, AttitudeScatter, fit_with_scatter
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.full_model import FullModel
+from tumblecal.full_model.tangent import robust_start, tangent
 
 
 # Faults of the noise that tilts of the positions look like.

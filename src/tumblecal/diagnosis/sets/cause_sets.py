@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.priors import SIZE_PRIOR
+from tumblecal.full_model.priors import SIZE_PRIOR
 
 
 Members = tuple[int, ...]

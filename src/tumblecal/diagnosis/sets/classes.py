@@ -15,7 +15,6 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.together import Together
-from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, LEAST_NAMED, LEAST_ODDS, NEGLIGIBLE
 from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels, membership
@@ -25,6 +24,7 @@ from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.patchwork import Neighbours
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
+from tumblecal.full_model.layout import Slot
 
 
 # Equivalents of sets less probable than this are not looked for.

@@ -9,15 +9,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.evidence import (
+from tumblecal.diagnosis.priors import COLLINEAR
+from tumblecal.diagnosis.sets.partial_set import PartialSets
+from tumblecal.full_model.evidence import (
     highest_shortfall,
     log_evidence,
     log_evidence_at_most,
     log_evidence_of_noise,
     shortfall,
 )
-from tumblecal.diagnosis.priors import COLLINEAR
-from tumblecal.diagnosis.sets.partial_set import PartialSets
 
 
 class Enlarged:

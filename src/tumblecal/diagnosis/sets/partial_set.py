@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.diagnosis.sets.cause_sets import rows_of
+from tumblecal.full_model.evidence import log_evidence
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from jaxtyping import Bool
 
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.causes.jumps import JUMPS
-from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.showing import brief
 

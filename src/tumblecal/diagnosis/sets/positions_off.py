@@ -13,10 +13,10 @@ from jaxtyping import Float, Int
 from scipy import special
 
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.evidence import LEAST_FREE
 from tumblecal.diagnosis.priors import MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE, WIDTH
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.partial_set import least_left
+from tumblecal.full_model.evidence import LEAST_FREE
 
 
 def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:

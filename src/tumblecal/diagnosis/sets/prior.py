@@ -9,8 +9,9 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.together import Together
-from tumblecal.diagnosis.priors import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SEVERAL_OUTLIERS, SIZE_PRIOR
+from tumblecal.diagnosis.priors import FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SEVERAL_OUTLIERS
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, rows_of
+from tumblecal.full_model.priors import EFFECT_WEIGHT, SIZE_PRIOR
 from tumblecal.ground.showing import brief
 
 

@@ -7,14 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.evidence import (
-    ROUNDING,
-    highest_shortfall,
-    log_evidence,
-    log_evidence_at_most,
-    log_evidence_of_noise,
-)
-from tumblecal.diagnosis.priors import LARGE, NEGLIGIBLE, OF_ORDERS, PROMISING, SIZE_PRIOR, WIDTH
+from tumblecal.diagnosis.priors import NEGLIGIBLE, OF_ORDERS, PROMISING, WIDTH
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.evaluated import Evaluated
@@ -22,6 +15,14 @@ from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_
 from tumblecal.diagnosis.sets.positions_off import off_together
 from tumblecal.diagnosis.sets.prior import SetPriors, given_found, log_prior
 from tumblecal.effects import AXES
+from tumblecal.full_model.evidence import (
+    ROUNDING,
+    highest_shortfall,
+    log_evidence,
+    log_evidence_at_most,
+    log_evidence_of_noise,
+)
+from tumblecal.full_model.priors import LARGE, SIZE_PRIOR
 
 
 _MOST_EXCHANGES = 8

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Bool
 
 from tumblecal.diagnosis.causes.jumps import JUMPS
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.sets.exchanges import membership
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

@@ -12,16 +12,17 @@ from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
 from tumblecal.diagnosis.causes.generic import GENERIC, HEAD_ANGLES, UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.detect import statistics
-from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent, tangent
-from tumblecal.diagnosis.priors import SAME_RESIDUAL, SIZE_PRIOR, UNIT_SEARCHED
+from tumblecal.diagnosis.priors import SAME_RESIDUAL, UNIT_SEARCHED
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.units.mixed_model import NormalEquations
 from tumblecal.effects.effect import of_head
+from tumblecal.full_model.evidence import log_evidence
+from tumblecal.full_model.full_model import FullModel
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.priors import SIZE_PRIOR
+from tumblecal.full_model.tangent import Tangent, tangent
 
 
 # Generic terms are counted in this size, g or rad.

@@ -13,14 +13,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from tumblecal.chain.head_file import PITCH, MeasuredHead, pitch_names
-from tumblecal.diagnosis.model.tangent import tangent
+from tumblecal.chain.head_file import MeasuredHead, pitch_names
+from tumblecal.chain.nominal import PITCH_ERROR
 from tumblecal.diagnosis.priors import UNITS_FOR_EACH_EXCLUDED
 from tumblecal.diagnosis.units.amounts import PitchSettings, pitch_settings
 from tumblecal.diagnosis.units.batch import Batch, SharedSignal, Unit, UnitCauses, slots_of
 from tumblecal.diagnosis.units.hypotheses import RandomEffect
 from tumblecal.diagnosis.units.mixed_model import NormalEquations, chi2_p_value, explained, pseudo_inverse, rounding_of
 from tumblecal.diagnosis.units.search import SharedExplanation
+from tumblecal.full_model.tangent import tangent
 
 
 # Pitch errors are counted in this size (rad), as the coefficients are in theirs.
@@ -93,7 +94,7 @@ class HeadFit:
         # The others know nothing of a pitch setting of this unit alone.
         kept = ~np.any(self.directions[:, ~shown] != 0, axis=1)
         if number in self.pitch.alone:
-            kept &= [not name.startswith(PITCH) for name in self.head.names]
+            kept &= [not name.startswith(PITCH_ERROR) for name in self.head.names]
         if not np.any(kept):
             return None
         inside, chosen = np.ix_(shown, shown), np.flatnonzero(kept)

@@ -13,23 +13,22 @@ from jaxtyping import Float, Int
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.diagnosis.causes.generic import GENERIC
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.causes.visibility import visibilities
-from tumblecal.diagnosis.evidence import gain
 from tumblecal.diagnosis.priors import (
     BATCH_WEIGHT,
     EFFECT_TEST_WEIGHT,
-    EFFECT_WEIGHT,
     GENERIC_TEST_WEIGHT,
     GENERIC_WEIGHT,
     HEAD_SPREAD_WEIGHT,
     LEAST_VISIBLE_TERM,
     TAUS_TRIED,
-    VISIBLE,
 )
 from tumblecal.diagnosis.sets.cause_sets import Ranked
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.units.batch import Batch, SharedSignal, UnitCauses
 from tumblecal.diagnosis.units.mixed_model import ROUNDING, NormalEquations, explained, profiles
+from tumblecal.full_model.evidence import gain
+from tumblecal.full_model.priors import EFFECT_WEIGHT, VISIBLE
+from tumblecal.full_model.visibility import visibilities
 
 
 # Directions of the summed normal equations below this share of the largest contain only rounding errors.

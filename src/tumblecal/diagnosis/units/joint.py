@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain.head_file import MeasuredHead
-from tumblecal.diagnosis.model.tangent import tangent
-from tumblecal.diagnosis.priors import LARGE, MOST_RELINEARISATIONS, OUTLYING_UNIT, SETTLED_UNIT, TOO_LARGE_SD
+from tumblecal.diagnosis.priors import MOST_RELINEARISATIONS, OUTLYING_UNIT, SETTLED_UNIT, TOO_LARGE_SD
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.units.amounts import TwoLevels, UnitAmounts, two_levels, unit_amounts
@@ -17,6 +16,8 @@ from tumblecal.diagnosis.units.batch import Batch, SharedSignal, Unit, linearise
 from tumblecal.diagnosis.units.head_fit import HeadFit, head_fit, most_excluded
 from tumblecal.diagnosis.units.search import JointPosterior, SharedExplanation, joint_posterior
 from tumblecal.estimation.plausibility import Implausible, implausible_head
+from tumblecal.full_model.priors import LARGE
+from tumblecal.full_model.tangent import tangent
 from tumblecal.ground.errors import InputError
 
 

@@ -18,13 +18,13 @@ from tumblecal.diagnosis.priors import (
     MOST_RANDOM_EFFECTS,
     RANDOM_EFFECTS_TRIED,
     SIZE,
-    SIZE_PRIOR,
     SURE,
 )
 from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.diagnosis.units.batch import NOTHING, Batch, SharedSignal, UnitCauses
 from tumblecal.diagnosis.units.hypotheses import Hypothesis, RandomEffect, hypothesis, likely_random_effects
+from tumblecal.full_model.priors import SIZE_PRIOR
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tumblecal.budget.budget import Budget
-from tumblecal.show.figures.drawing import COLOURS, MUTED
-from tumblecal.show.figures.panels import new_rows, with_legend
+from tumblecal.show.figures.drawing import COLOURS, MUTED, new_rows, with_legend
 
 
 TYPE_A = "noise (type A)"

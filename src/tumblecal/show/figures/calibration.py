@@ -6,8 +6,18 @@ from matplotlib.figure import Figure
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.axes import AXES
-from tumblecal.show.figures.drawing import AXIS_COLOUR, CARD, MUTED, OUTSIDE, Figures, new_panel
-from tumblecal.show.figures.panels import marks, new_rows, noise_band, with_legend
+from tumblecal.show.figures.drawing import (
+    AXIS_COLOUR,
+    CARD,
+    MUTED,
+    OUTSIDE,
+    Figures,
+    marks,
+    new_panel,
+    new_rows,
+    noise_band,
+    with_legend,
+)
 from tumblecal.show.figures.residuals import Group, angle_columns, residual_figure
 from tumblecal.show.fit import TITLES
 

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from tumblecal.check.result import CheckResult
 from tumblecal.check.usual_changes import USUAL
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, new_panels
-from tumblecal.show.figures.panels import dots, name_rows
+from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, dots, name_rows, new_panels
 
 
 # Names on the axis, at most.

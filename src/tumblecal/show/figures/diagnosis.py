@@ -13,10 +13,9 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.findings.residuals import discrepancies
 from tumblecal.ground.axes import AXES
-from tumblecal.show.figures.drawing import BLUE, INK, MUTED, OUTSIDE, Figures, new_panels
+from tumblecal.show.figures.drawing import BLUE, INK, MUTED, OUTSIDE, Figures, new_panels, new_rows, with_legend
 from tumblecal.show.figures.evidence import limits_figure, models_of, noise_of, predictive_figure
 from tumblecal.show.figures.finding import finding_figure, finding_signals
-from tumblecal.show.figures.panels import new_rows, with_legend
 from tumblecal.show.figures.residuals import Column, Group, angle_columns, residual_figure
 from tumblecal.show.figures.unnamed import unnamed_figure
 from tumblecal.show.figures.variables import conditions

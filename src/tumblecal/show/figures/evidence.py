@@ -12,8 +12,22 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.residuals import Check, normal_quantiles
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.units import in_words
-from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, OUTSIDE, WIDTH
-from tumblecal.show.figures.panels import Values, dots, marks, name_rows, new_rows, plain_log, with_legend
+from tumblecal.show.figures.drawing import (
+    AXIS_COLOUR,
+    BAND,
+    BLUE,
+    INK,
+    MUTED,
+    OUTSIDE,
+    WIDTH,
+    Values,
+    dots,
+    marks,
+    name_rows,
+    new_rows,
+    plain_log,
+    with_legend,
+)
 
 
 # Names of the statistics on the figure.

@@ -16,9 +16,21 @@ from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.supplement import supplement
 from tumblecal.show.figures.calibration import overview_figure
-from tumblecal.show.figures.drawing import AXIS_COLOUR, CARD, INK, MUTED, OUTSIDE, new_panel
+from tumblecal.show.figures.drawing import (
+    AXIS_COLOUR,
+    CARD,
+    INK,
+    MUTED,
+    OUTSIDE,
+    OfAxes,
+    Shown,
+    Values,
+    marks,
+    new_panel,
+    noise_band,
+    with_legend,
+)
 from tumblecal.show.figures.evidence import noise_of
-from tumblecal.show.figures.panels import OfAxes, Shown, Values, marks, noise_band, with_legend
 from tumblecal.show.figures.unnamed import small_unnamed_figure
 from tumblecal.show.figures.variables import conditions
 

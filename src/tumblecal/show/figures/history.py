@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.units import shown
 from tumblecal.history.repeatability import Trend, UnitHistory
-from tumblecal.show.figures.drawing import BAND, INK, MUTED, Figures, new_panels
-from tumblecal.show.figures.panels import dots
+from tumblecal.show.figures.drawing import BAND, INK, MUTED, Figures, dots, new_panels
 
 
 def chart_figure(leaf: str, history: UnitHistory) -> Figure | None:

@@ -8,8 +8,17 @@ from matplotlib.figure import Figure
 
 from tumblecal.estimation import Fit
 from tumblecal.ground.units import shown
-from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, OUTSIDE, Figures, new_panels
-from tumblecal.show.figures.panels import with_legend
+from tumblecal.show.figures.drawing import (
+    AXIS_COLOUR,
+    BAND,
+    BLUE,
+    INK,
+    MUTED,
+    OUTSIDE,
+    Figures,
+    new_panels,
+    with_legend,
+)
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 

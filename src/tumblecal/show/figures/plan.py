@@ -7,8 +7,20 @@ from matplotlib.figure import Figure
 
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
-from tumblecal.show.figures.drawing import AXIS_COLOUR, BAND, BLUE, INK, MUTED, Figures, new_panel, new_panels
-from tumblecal.show.figures.panels import marks, new_rows, plain_log, with_legend
+from tumblecal.show.figures.drawing import (
+    AXIS_COLOUR,
+    BAND,
+    BLUE,
+    INK,
+    MUTED,
+    Figures,
+    marks,
+    new_panel,
+    new_panels,
+    new_rows,
+    plain_log,
+    with_legend,
+)
 
 
 _MARKERS = "osD^vP"

@@ -10,8 +10,19 @@ from matplotlib.figure import Figure
 
 from tumblecal.data import PositionSet
 from tumblecal.ground.axes import AXES
-from tumblecal.show.figures.drawing import AXIS_COLOUR, INK, WIDTH, new_panels
-from tumblecal.show.figures.panels import OfAxes, Shown, Values, angle_ticks, marks, noise_band, with_legend
+from tumblecal.show.figures.drawing import (
+    AXIS_COLOUR,
+    INK,
+    WIDTH,
+    OfAxes,
+    Shown,
+    Values,
+    angle_ticks,
+    marks,
+    new_panels,
+    noise_band,
+    with_legend,
+)
 
 
 # More pitch settings than these share one panel.

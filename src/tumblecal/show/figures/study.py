@@ -9,8 +9,18 @@ from matplotlib.figure import Figure
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.ground.units import shown
-from tumblecal.show.figures.drawing import BLUE, COLOURS, INK, MUTED, Figures, new_panels
-from tumblecal.show.figures.panels import limit, name_rows, plain_log, with_legend
+from tumblecal.show.figures.drawing import (
+    BLUE,
+    COLOURS,
+    INK,
+    MUTED,
+    Figures,
+    limit,
+    name_rows,
+    new_panels,
+    plain_log,
+    with_legend,
+)
 from tumblecal.show.study import point_words
 
 

@@ -17,10 +17,12 @@ from tumblecal.show.figures.drawing import (
     MUTED,
     OUTSIDE,
     Figures,
+    marks,
     new_panel,
     new_panels,
+    new_rows,
+    with_legend,
 )
-from tumblecal.show.figures.panels import marks, new_rows, with_legend
 from tumblecal.show.figures.residuals import Column, Group, residual_figure
 from tumblecal.thermal.estimates import (
     after_correction,

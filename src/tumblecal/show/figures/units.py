@@ -5,8 +5,7 @@ from matplotlib.figure import Figure
 from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.diagnosis.units.sizes import head_sizes
 from tumblecal.effects import Catalogue
-from tumblecal.show.figures.drawing import INK, OUTSIDE, new_panels
-from tumblecal.show.figures.panels import noise_band
+from tumblecal.show.figures.drawing import INK, OUTSIDE, new_panels, noise_band
 
 
 def shared_figure(found: JointDiagnosis, entries: Catalogue) -> Figure | None:

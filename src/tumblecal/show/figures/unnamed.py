@@ -8,8 +8,17 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.candidate_law import Law, law_words
 from tumblecal.diagnosis.findings.unexplained import Unnamed
 from tumblecal.ground.axes import AXES
-from tumblecal.show.figures.drawing import AXIS_COLOUR, CARD, INK, MUTED, new_panel, new_panels
-from tumblecal.show.figures.panels import OfAxes, angle_ticks, marks
+from tumblecal.show.figures.drawing import (
+    AXIS_COLOUR,
+    CARD,
+    INK,
+    MUTED,
+    OfAxes,
+    angle_ticks,
+    marks,
+    new_panel,
+    new_panels,
+)
 from tumblecal.show.figures.variables import conditions
 
 

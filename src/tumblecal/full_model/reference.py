@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.effects.by_setting import GroupTerms
 from tumblecal.effects.effect import elapsed
 from tumblecal.estimation.fit import Fit
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.axes import AXES
 
 

@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg.lapack import dpotrf, dtrtrs  # type: ignore[attr-defined]
 from scipy.special import erfc, ndtri
 
-from tumblecal.diagnosis.priors import LEAST_TEMPERATURE_EFFECT, NAMED_SIZES, UNDETECTED_SIZES, UNDETECTED_WEIGHTS
+from tumblecal.full_model.priors import LEAST_TEMPERATURE_EFFECT, NAMED_SIZES, UNDETECTED_SIZES, UNDETECTED_WEIGHTS
 from tumblecal.ground.showing import brief
 
 

@@ -9,10 +9,10 @@ from jaxtyping import Float
 
 from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients, parameters_of
 from tumblecal.chain.link import turned
-from tumblecal.diagnosis.model.followed import already_followed
-from tumblecal.diagnosis.model.layout import Layout, Slot, hand_held
 from tumblecal.effects import Catalogue, Effect
 from tumblecal.estimation.chain_programs import Evaluation, Programs, programs_of
+from tumblecal.full_model.followed import already_followed
+from tumblecal.full_model.layout import Layout, Slot, hand_held
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 from tumblecal.ground.showing import brief
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER

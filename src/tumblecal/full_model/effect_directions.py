@@ -1,19 +1,25 @@
-"""Directions of the coefficients of the catalogue's effects, each of the effect's typical size."""
+"""Directions of the coefficients of the catalogue's effects, each of the effect's typical size, and their contributions."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.visibility import Visibilities
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.effects import Catalogue, Effect
+from tumblecal.full_model.full_model import FullModel
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.tangent import Tangent
+from tumblecal.full_model.visibility import Visibilities
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
+
+
+# Stated with the data (--gravity), or an input of the budget.
+NOT_CONSIDERED = ("gravity_value",)
+_OF_EVERY_SENSOR = ("bias_temperature", "scale_temperature")
 
 
 class EffectDirections(NamedTuple):
@@ -41,20 +47,57 @@ class EffectDirections(NamedTuple):
         return EffectDirections(self.steps[chosen], numbers, ids, self.shown[chosen])
 
 
+@dataclass(frozen=True)
+class UndetectedEffects:
+    """Contribution of effects that are not written to some quantities.
+
+    - `covariance`: mean square of the shifts about the values that are written.
+    - `shifts`: of the quantities by one unit of each direction of the effects' coefficients; `steps`: the direction in the
+      scaled full vector; `products`: mean products of the coefficients, given the data; `numbers`: whose each is among `ids`.
+    - `named`: the directions of effects that are written.
+    """
+
+    __repr__ = brief
+
+    covariance: Float[np.ndarray, "quantities quantities"]
+    shifts: Float[np.ndarray, "quantities directions"]
+    steps: Float[np.ndarray, "directions full"]
+    products: Float[np.ndarray, "directions directions"]
+    numbers: Int[np.ndarray, " directions"]
+    ids: tuple[str, ...]
+    named: Bool[np.ndarray, " directions"]
+
+    @cached_property
+    def effects(self) -> set[str]:
+        """Ids of the effects of which nothing is written."""
+        return {self.ids[number] for number in np.unique(self.numbers[~self.named]).tolist()}
+
+    def strongest(self, quantity: int, most: int) -> list[str]:
+        """The effects that add most to the uncertainty of one quantity."""
+        squares = self.shifts[quantity] ** 2 * np.diag(self.products) * ~self.named
+        parts = np.bincount(self.numbers, squares, len(self.ids))
+        return [self.ids[number] for number in np.argsort(-parts)[:most].tolist() if parts[number] > 0]
+
+
+def of_every_sensor(id: str) -> bool:
+    """Whether every sensor has this effect."""
+    return id.partition(".")[0] in _OF_EVERY_SENSOR
+
+
 def effect_directions(
     at: Tangent,
     groups: Sequence[tuple[Int[np.ndarray, " slots"], Visibilities]],
     entries: Catalogue,
-    members: Sequence[Cause] = (),
+    members: Sequence[Slot] = (),
 ) -> EffectDirections:
     """The directions of all effects of the model, those included that the nominal model absorbs.
 
-    `groups`: the slots with equally many coefficients, and their visibility. `members`: the causes of the explanation.
+    `groups`: the slots with equally many coefficients, and their visibility. `members`: those of the explanation.
     """
     slots = at.model.layout.slots
     # An effect that starts from several time constants counts once: as in the explanation, otherwise as it comes first.
     first = {slot.id: number for number, slot in reversed([*enumerate(slots)])}
-    in_use = {cause.slot.columns for cause in members}
+    in_use = {slot.columns for slot in members}
     first |= {slot.id: number for number, slot in enumerate(slots) if slot.columns in in_use}
     taken = np.zeros(len(slots), bool)
     taken[[*first.values()]] = True

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, sparse_basis
+from tumblecal.full_model.layout import Slot
+from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 

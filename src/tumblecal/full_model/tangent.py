@@ -8,12 +8,12 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dposv  # type: ignore[attr-defined]
 
 from tumblecal.chain import followings_of
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.priors import LARGE
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.contradicted import column_space
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, surely_full_rank
 from tumblecal.estimation.problem import Problem
+from tumblecal.full_model.full_model import FullModel
+from tumblecal.full_model.priors import LARGE
 from tumblecal.ground.showing import brief
 
 

@@ -1,1 +1,0 @@
-"""The model that a diagnosis looks from: one chain with every effect, and its tangent."""
