@@ -21,7 +21,7 @@ from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurv
 from tumblecal.ground.gravity import Gravity
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.history.entry import Entry
-from tumblecal.show.check import verdict_of_check, words_of_check
+from tumblecal.show.check import words_of_check
 
 
 FILE = Path("calibration.json")
@@ -282,7 +282,7 @@ def test_readings_far_from_gravity_are_rejected():
 
 
 def words_of(result):
-    verdict = verdict_of_check(result, words_of_check(result, (FILE, "log.csv")))
+    verdict = words_of_check(result, (FILE, "log.csv")).verdict
     texts = [verdict.headline, *(found.words for found in verdict.found), *map(str, verdict.unresolved)]
     return "\n".join([*texts, *verdict.evidence, *verdict.next])
 

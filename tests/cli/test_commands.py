@@ -89,12 +89,12 @@ def test_import_and_help_load_neither_jax_nor_matplotlib(program):
 
 
 def test_calibrate_loads_neither_the_diagnosis_nor_rigs(table1_file, tmp_path):
-    code = f"""import sys; from tumblecal.cli.commands import run; sys.argv[1:] = ["calibrate", {str(table1_file)!r}, "--out", {str(tmp_path / "out")!r}, "-q"]
-assert run() == 0
-print(*(name for name in sys.modules if name.startswith("tumblecal")))"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=True)
+    code = """import sys; from tumblecal.cli.commands import run
+assert run() == 0; print(*(name for name in sys.modules if name.startswith("tumblecal")))"""
+    command = [sys.executable, "-c", code, "calibrate", table1_file, "--out", tmp_path / "out", "-q"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     loaded = done.stdout.split()
-    assert len(loaded) <= 170
+    assert 100 < len(loaded) <= 170
     assert not [name for name in loaded if name.startswith(("tumblecal.diagnosis", "tumblecal.chain.rig"))]
 
 

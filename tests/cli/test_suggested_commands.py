@@ -20,7 +20,7 @@ from tumblecal.estimation.methods import all_methods, checked
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
 from tumblecal.recordings.options import RecordingOptions
-from tumblecal.show.calibration import verdict_of_calibration, words_of_calibration
+from tumblecal.show.calibration import words_of_calibration
 from tumblecal.show.narrow import folded
 from tumblecal.show.verdict import verdict_lines
 
@@ -122,7 +122,7 @@ def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked,
     expected = ["diagnose", "my data.csv", "--noise-sd", "0.01 mg", "--columns", "ax_g=AccX,position=pos"]
     data = replace(table1, temperature_degc=np.linspace(20, 26, 24), source="my data.csv")
     made = all_methods(StatedModel(noise_sd=1e-5).problem(data))
-    verdict = verdict_of_calibration(made, words_of_calibration(made))
+    verdict = words_of_calibration(made).verdict
     # On a narrow terminal the command is on a line of its own, whole.
     for text in (folded(made.judgements[0].advice, 40), "\n".join(verdict_lines(verdict, 40))):
         (line,) = [line.strip() for line in text.splitlines() if "tumblecal " in line]

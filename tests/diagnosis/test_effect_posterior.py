@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tumblecal.diagnosis import priors
+from tumblecal.full_model import priors
 from tumblecal.full_model.effect_posterior import Candidates, effect_posterior
 
 

@@ -10,7 +10,7 @@ from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.ground.errors import InputError
 from tumblecal.show.diagnosis import verdict_of_diagnosis
-from tumblecal.show.units_together import verdict_of_units, words_of_units
+from tumblecal.show.units_together import words_of_units
 
 
 SIGMA, COUNT = 1e-4, 24
@@ -49,7 +49,7 @@ def test_sensors_of_one_session(diagnoser):
     found = joint_diagnosis(screened, [own.source for own in sets])
     causes = [" + ".join(own.best.labels) for own in screened]
     rows = [(f"u{k}", {"causes": labels, "probability": 0.9, "verdict": ""}) for k, labels in enumerate(causes)]
-    text = verdict_of_units(found, words_of_units(found, rows, diagnoser.entries)).words()
+    text = words_of_units(found, rows, diagnoser.entries).verdict.words()
     assert "No dividing head is involved" in text and found.fit.head is None and "error of the head" not in text
     assert found.joint.best.by_unit == ("second_order.y",) and found.verdict == "identified"
     (effect,) = found.joint.best.hypothesis.random_effects

@@ -7,7 +7,7 @@ import numpy as np
 from tumblecal.diagnosis.units.sizes import level_sizes, spread_sizes
 from tumblecal.effects import catalogue
 from tumblecal.estimation.plausibility import Implausible
-from tumblecal.show.units_together import verdict_of_units, words_of_units
+from tumblecal.show.units_together import words_of_units
 from tumblecal.show.verdict import verdict_lines
 
 
@@ -71,7 +71,7 @@ def found(verdict, best, *others, detected=True, shared=(), varying=(), of_head=
 def texts(cases):
     """The verdict of each case in lines."""
     return {
-        title: "\n".join(verdict_lines(verdict_of_units(found, words_of_units(found, rows, ENTRIES))))
+        title: "\n".join(verdict_lines(words_of_units(found, rows, ENTRIES).verdict))
         for title, (found, rows) in cases.items()
     }
 

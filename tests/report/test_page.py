@@ -125,7 +125,7 @@ PLACES = """<script>window.addEventListener("load", () => {
 def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium, tmp_path):
     """1280 x 800: all cards end above the fold. 375 px wide: both findings, the action card, and no horizontal scroll."""
     words = layout("Diagnosis", "48 positions.", found=[["", "", "", "spark"]] * 2)
-    write_page(tmp_path / "p.html", words, RECORD, tone="open", figures={"spark": spark})
+    write_page(tmp_path / "p.html", words, {"spark": spark}, verdict=RECORD)
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "0.532 ± 0.062 mg/g²" in text and "24 to 26.5 °C" in text and "0.141 → 0.103 mg" in text
     # Nothing twice; commands as they are pasted; what belongs to a finding is on its card.
@@ -170,10 +170,10 @@ def test_study_json_is_complete(page):
 
 
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
-    cells = Table(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]], text=(0,))
+    cells = Table(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]])
     script = replace(NOTHING, evidence=("<script>alert(1)</script>",))
     words = layout("<b>title</b>", "a < b", ("x", [["[table cells]"]]))
-    write_page(tmp_path / "p.html", words, script, tables={"cells": cells})
+    write_page(tmp_path / "p.html", words, tables={"cells": cells}, verdict=script)
     text = (tmp_path / "p.html").read_text()
     assert "<script>" not in text and "<i>" not in text and "<b>" not in text and "<u>" not in text
     assert "&lt;script&gt;" in text and "a &lt; b" in text
@@ -184,15 +184,15 @@ def test_on_paper_two_figures_of_residuals_fill_a_page(chromium, tmp_path):
     """With heading and captions, whatever their own widths, and a heading is not left alone at the foot of a page."""
     drawn = '<?xml version="1.0"?><svg width="504pt" height="374pt" viewBox="0 0 504 374"><path d="M0 0h9"/></svg>'
     words = layout("Title", "", ("Residuals", [["[figure drawn]", "A caption of three lines. " * 12]] * 2))
-    write_page(tmp_path / "p.html", words, NOTHING, figures={"drawn": drawn})
+    write_page(tmp_path / "p.html", words, {"drawn": drawn})
     assert chromium.printed(tmp_path / "p.html") == 1
 
 
 def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
     """Five that are a little more than half a page each fill three pages; kept whole, each would leave half a page blank."""
-    table = Table(["", "value", ""], [[f"row {k}", "1", "two words " * 10] for k in range(11)], text=(0, 2))
+    table = Table(["", "value", ""], [[f"row {k}", "1", "two words " * 10] for k in range(11)])
     words = layout("Title", "", *((f"Part {k}", [["[table rows]"]]) for k in range(5)))
-    write_page(tmp_path / "p.html", words, NOTHING, tables={"rows": table})
+    write_page(tmp_path / "p.html", words, tables={"rows": table})
     assert chromium.printed(tmp_path / "p.html") == 3
 
 
@@ -200,9 +200,9 @@ def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
 def test_dark_and_folded(chromium, tmp_path):
     """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
     long = Table(["", "value"], [[f"row {k}", "1"] for k in range(30)])
-    drawn = replace(long, rows=long.rows[:2], folded=True)
-    words = layout("Long", "", ("Numbers", [["[table long]"], ["[table drawn]"]]))
-    write_page(tmp_path / "long.html", words, NOTHING, tables={"long": long, "drawn": drawn})
+    drawn = replace(long, rows=long.rows[:2])
+    words = layout("Long", "", ("Numbers", [["[table long]"], ["[table drawn]", "folded"]]))
+    write_page(tmp_path / "long.html", words, tables={"long": long, "drawn": drawn})
     text = (tmp_path / "long.html").read_text(encoding="utf-8")
     assert (
         "<summary>all 30 rows</summary>" in text

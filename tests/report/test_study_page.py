@@ -7,7 +7,8 @@ from reading_html import Cells, words_of
 
 from tumblecal.show.figures.drawing import draw_each
 from tumblecal.show.figures.study import FIGURES
-from tumblecal.show.study import answer_of, write_study_page
+from tumblecal.show.page import write_page
+from tumblecal.show.study import answer_of
 
 
 CASES, PATHS, SETS = ("mount", "all"), ("harmonic", "small angle"), (1, 100)
@@ -50,12 +51,12 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
         ["all", "1", "2.5", "bias_z", "2.5", "bias_z"],
         ["all", "100", "< 1", "bias_z", "< 1", "bias_z"],
     ]
-    assert "up to 2.5 mrad" in answer.verdict.headline
+    assert "up to 2.5 mrad" in answer.words.verdict.headline
     page = tmp_path / "linearization.html"
     figures = draw_each(tmp_path, FIGURES["linearization"], content, frames)
-    assert write_study_page(page, answer, figures) == [page.name]
+    assert write_page(page, answer.words, figures, tables={"results": answer.table}) == [page.name]
     words = words_of(page)
-    assert words.index(answer.verdict.headline) < words.index("Results") < words.index("Settings")
+    assert words.index(answer.words.verdict.headline) < words.index("Results") < words.index("Settings")
     cells = Cells()
     cells.feed(page.read_text(encoding="utf-8"))
     files = {row[0] for row in cells.rows}
@@ -66,7 +67,7 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
 @pytest.mark.parametrize(("covered", "tone"), [(0.951, "good"), (0.80, "bad")])
 def test_the_headline_follows_the_coverage(covered, tone):
     answer = answer_of("coverage", *coverage(covered))
-    assert answer.tone == tone and ("Do not trust" in answer.verdict.headline) == (tone == "bad")
+    assert answer.tone == tone and ("Do not trust" in answer.words.verdict.headline) == (tone == "bad")
 
 
 def test_convergence_draws_the_errors_and_the_data_sets_needed(tmp_path):
@@ -109,7 +110,7 @@ def test_convergence_is_answered_by_the_fewest_data_sets(fewest, headline):
     rows = [("exact", 1000, 15.0, None), ("kalman", 1000, 16.5, 3.0)]
     consistency = pl.DataFrame(rows, ["method", "data_sets", "nees", "nis"], orient="row")
     answer = answer_of("convergence", content, {"consistency": consistency})
-    assert answer.verdict.headline.startswith(headline)
+    assert answer.words.verdict.headline.startswith(headline)
     cells = [["40 (bias_z)"], ["80 (dK_x)"]] if fewest else [["> 1000"], ["> 1000"]]
     ends = [["1.000", "-"], ["1.100", "1.000"]]
     assert [list(row) for row in answer.table.rows] == [

@@ -21,11 +21,10 @@ SOURCE = Path(tumblecal.__file__).parent
 BROKEN = """
 import sys
 import numpy as np
-from tumblecal.show import calibration
-from tumblecal.show.figures.calibration import FIGURES
+from tumblecal.show.figures import calibration
 def broken(*_):
     np.zeros(0).max()
-FIGURES["methods.svg"] = calibration.overview_figure = broken
+calibration.FIGURES["methods.svg"] = calibration.overview_figure = broken
 sys.argv[0] = "tumblecal"
 from tumblecal.cli import main
 main()
@@ -68,7 +67,7 @@ def test_a_page_keeps_what_was_made_before_an_error(tmp_path):
     words = Words({"found": [["A finding", "", "", "card"]]}, sections)
     with pytest.warns(SupplementWarning) as caught:
         figures = {"card": lambda: 1 / 0, "broken": lambda: {}["x"]}
-        write_page(tmp_path / "p.html", words, verdict, figures=figures)
+        write_page(tmp_path / "p.html", words, figures, verdict=verdict)
     assert ["ZeroDivisionError" in str(caught[0].message), "KeyError" in str(caught[1].message)] == [True, True]
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "A finding" in text and "<h2>First</h2>" in text and text.rstrip().endswith("</html>")

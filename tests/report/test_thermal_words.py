@@ -7,10 +7,11 @@ import numpy as np
 import polars as pl
 
 from tumblecal.data.calibration_use import Use
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.show.figures import thermal
-from tumblecal.show.thermal import verdict_of_thermal, words_of_thermal
+from tumblecal.show.thermal import words_of_thermal
 from tumblecal.thermal.result import FoundSignal
 
 
@@ -28,6 +29,9 @@ def table(directions=(1, -1), attitudes=6, branches=("1", "2")):
     columns |= {"run": ["1"] * rows, "temperature_degc": DEGC, "time_s": 60.0 * np.arange(rows)}
     columns |= {"direction": np.zeros(rows, int), "reached_by": np.resize(directions, rows)}
     return ThermalTable(pl.DataFrame(columns), "bench/x.csv and 1 more")
+
+
+SENSORS = SensorParameters(SENSOR, np.zeros(len(SENSOR)), np.zeros((len(SENSOR),) * 2))
 
 
 def part(label, before=2.1, after=0.21, noise=0.1):
@@ -54,7 +58,9 @@ def choice(**more):
 
 def result(**more):
     own = {
-        "calibration": Record(use=Use("within", "", (0.0, 60.0), expanded_g=4e-4), serial_number="A-17"),
+        "calibration": Record(
+            use=Use("within", "", (0.0, 60.0), expanded_g=4e-4), serial_number="A-17", sensor=SENSORS
+        ),
         "undetermined": (),
         "reference_degc": 25.0,
         "table": table(),
@@ -64,6 +70,7 @@ def result(**more):
         "choice": choice(),
         "signals": (),
         "combinations": (),
+        "coefficients": (),
         "noise_factor": 1.0,
     }
     return Record(**(own | more))
@@ -89,13 +96,13 @@ def test_each_finding_is_in_a_text(snapshot):
             table=table(attitudes=1), choice=choice(inseparable=("dK", "gamma", "dtheta")),
             combinations=("bias_x - 0.98 dtheta_y",), undetermined=("gamma",),
         ),
-        "refused": result(calibration=Record(use=Use("no", "systematic residuals"), serial_number="")),
+        "refused": result(calibration=Record(use=Use("no", "systematic residuals"), serial_number="", sensor=SENSORS)),
     }  # fmt: skip
     texts, seen = dict[str, str](), set[str]()
     for title, own in cases.items():
         words = words_of_thermal(own, Path("unit17"))
         tables = [" | ".join(cells) for name in ("title", "lead", "orders") for cells in words.blocks[name]]
-        lines = [*verdict_of_thermal(own, words).words().splitlines(), *tables]
+        lines = [*words.verdict.words().splitlines(), *tables]
         texts[title] = "\n".join(line for line in lines if line not in seen)
         seen |= {*lines}
     snapshot("thermal", texts)

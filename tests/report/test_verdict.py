@@ -123,7 +123,7 @@ def test_layout_and_headlines(snapshot):
         findings=FINDINGS, alternatives=list(alternatives(FACTORS, {"second_order.z": 1, "bias_drift.x": 2})),
         title=str, formula=formula, label_words=label_words, **others,
     )  # fmt: skip
-    verdict = words.verdict("ambiguous", "")
+    verdict = words.verdict
     texts["found"] = "\n".join(one.sentence for one in (*verdict.found, *verdict.unresolved))
     for title, (diagnosis, count) in HEADLINES.items():
         texts[title] = words_of("diagnosis_headline", d=diagnosis, count=count, noise_mg=0.1).text("headline")

@@ -6,7 +6,8 @@ import pytest
 from tumblecal.ground.errors import InputError
 from tumblecal.show.figures.drawing import draw_each
 from tumblecal.show.figures.study import FIGURES
-from tumblecal.show.study import answer_of, write_study_page
+from tumblecal.show.page import write_page
+from tumblecal.show.study import answer_of
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 from tumblecal.studies.sweep import Sweep, points_of
@@ -61,12 +62,13 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert content["units"] == {"study.inject.second_order.y": "mg/g^2"}
     answer = answer_of("sweep", content, frames)
     assert (
-        answer.table.header[0] == "second_order.y, mg/g^2" and "(second_order.y 1.0 mg/g^2)" in answer.verdict.headline
+        answer.table.header[0] == "second_order.y, mg/g^2"
+        and "(second_order.y 1.0 mg/g^2)" in answer.words.verdict.headline
     )
     figures = draw_each(tmp_path, FIGURES["sweep"], content, frames)
     assert "study.inject.second_order.y, mg/g^2" in figures["sweep.svg"]
     page = tmp_path / "sweep.html"
-    write_study_page(page, answer, figures)
+    write_page(page, answer.words, figures, tables={"results": answer.table})
     assert "study.inject.second_order.y: 0, 1.0 mg/g²" in page.read_text()
     assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
 

@@ -63,17 +63,17 @@ def calibrate(
         with result_set(folder, _SET) as aside:
             write_calibrated(aside, made, model.of_head(made.exact.problem))
             if figures:
-                from tumblecal.show.calibration import write_calibration_page
-                from tumblecal.show.figures.calibration import FIGURES
+                from tumblecal.show.figures.calibration import FIGURES, overview_figure
                 from tumblecal.show.figures.drawing import write_each
+                from tumblecal.show.page import write_page
 
                 drawn = write_each(aside, FIGURES, made)
-                write_calibration_page(aside / "calibration.html", made, words, drawn)
+                write_page(aside / "calibration.html", words, {"overview": overview_figure} | drawn, made.exact)
         add_to_history(more.history, folder, "calibration", made.exact.data.serial_number)
         command.warn(made.exact.data.source, words.lines("warnings"))
         row = calibration_row(file, made)
         lacking = "".join(f" ({loss})" for loss in lacking_of_fit(made.exact, made.entries, of_sensor=True))
-        text = calibration_text(made, words, command.columns)
+        text = calibration_text(words, command.columns)
         return Outcome(row, (), f"{file}: {row['judgement']}{lacking}", partial(command.say, text), made.use.refused)
 
     read = files.read(model, options, CALIBRATION, _SET)

@@ -126,7 +126,7 @@ def check(
     from tumblecal.ground.option_texts import sd_of_reading, sizes
     from tumblecal.history.database import of_unit, ready
     from tumblecal.recordings.dwells.file_names import recording_files
-    from tumblecal.show.check import verdict_of_check, words_of_check, write_check_page
+    from tumblecal.show.check import words_of_check
     from tumblecal.show.verdict import verdict_lines
 
     require_calibration_and_recording(calibration, recording)
@@ -180,15 +180,17 @@ def check(
             except InputError as fault:
                 refused = fault
         words = words_of_check(result, [calibration, *found.dwells.files], made, update)
-        verdict = verdict_of_check(result, words)
-        text = "\n".join(verdict_lines(verdict))
+        text = "\n".join(verdict_lines(words.verdict))
         write_check(aside / "check.json", result, text, source, made[0] if made else None)
         if more.figures is not False:
-            write_check_page(aside / "check.html", result, words)
+            from tumblecal.show.figures.check import FIGURES
+            from tumblecal.show.page import write_page
+
+            write_page(aside / "check.html", words, FIGURES, result)
     if made is not None and update is not None:
         write_calibration(update, made[0].calibration)
     add_to_history(more.history, out, "check", serial)
-    command.say(*verdict_lines(verdict, command.columns))
+    command.say(*verdict_lines(words.verdict, command.columns))
     code = command.end(out, _SET, "check.json", result.use, data.source, f"; {update}" if made else "")
     if refused is not None:
         raise refused

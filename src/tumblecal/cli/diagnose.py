@@ -117,7 +117,7 @@ def _diagnose_units(files: PositionFiles, batch: Batch, read: "list[Read]", work
     from tumblecal.diagnosis.units import joint_diagnosis
     from tumblecal.ground.result_set import remove_results, result_set
     from tumblecal.lab.summary import DIAGNOSED
-    from tumblecal.show.units_together import verdict_of_units, words_of_units, write_units
+    from tumblecal.show.units_together import words_of_units, write_units
     from tumblecal.show.verdict import verdict_lines
 
     screened = {}
@@ -140,7 +140,7 @@ def _diagnose_units(files: PositionFiles, batch: Batch, read: "list[Read]", work
         words, figures = words_of_units(measured, units, batch.model.entries), batch.more.figures is not False
         with result_set(files.out, _UNITS_SET) as aside:
             write_units(aside, measured, units, batch.model.entries, words, figures=figures)
-        batch.command.say(*verdict_lines(verdict_of_units(measured, words), batch.command.columns))
+        batch.command.say(*verdict_lines(words.verdict, batch.command.columns))
         batch.command.end(files.out, _UNITS_SET, "diagnosis.json")
 
     # They describe the results of the units before the first one is replaced.

@@ -220,7 +220,7 @@ def _evaluate(database: Path, serial: str, limits: dict[str, float], risk: float
     """
     from tumblecal.history.database import of_unit
     from tumblecal.history.repeatability import unit_history
-    from tumblecal.show.history import history_text, words_of_history
+    from tumblecal.show.history import history_text, verdict_of_history, words_of_history
 
     entries = of_unit(database, serial)
     _warn(database, entries)
@@ -234,10 +234,15 @@ def _evaluate(database: Path, serial: str, limits: dict[str, float], risk: float
     if out is not None:
         from tumblecal.show.figures.drawing import write_each
         from tumblecal.show.figures.history import FIGURES
-        from tumblecal.show.history_page import write_history_page
+        from tumblecal.show.history_list import listed
+        from tumblecal.show.page import write_page
 
         with results(out, _SET) as aside:
             charts = write_each(aside, FIGURES, judged)
-            write_history_page(aside / "history.html", words, judged, charts)
+            write_page(
+                *(aside / "history.html", words, charts),
+                tables={"results": listed(judged.entries)},
+                verdict=verdict_of_history(words),
+            )
         pages = names_written(out, _SET)
     print(f"{history_text(words)}\n{pages}")

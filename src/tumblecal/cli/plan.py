@@ -109,7 +109,9 @@ def plan(
     from tumblecal.effects.rig_with_effects import read_rig_with_effects
     from tumblecal.ground.examples import file_or_example
     from tumblecal.ground.strict_toml import read_toml
-    from tumblecal.show.plan import plan_lines, print_plan, words_of_plan, write_plan_page
+    from tumblecal.show.figures.plan import FIGURES
+    from tumblecal.show.page import write_page
+    from tumblecal.show.plan import plan_lines, print_plan, words_of_plan
 
     files = [Path(text) for text in options.effects if "=" not in text]
     entries, earlier = catalogue(*files), earlier_files(out)
@@ -122,7 +124,7 @@ def plan(
         words = words_of_plan(designed, out)
         texts = list(plan_lines(words)), words.pairs("assumptions")[1:]
         names = write_plan(aside, designed, read_toml(file_or_example(rig)), *texts)
-        names += write_plan_page(aside / "plan.html", designed, words)
+        names += write_page(aside / "plan.html", words, FIGURES, designed)
     if command.words:
         print_plan(words)
     command.end(out, names, "plan.json")

@@ -55,7 +55,7 @@ def reproduce(*, out: Path = Path("study"), seed: Seed = 0) -> None:
             words = write_paper_study(aside, study, audited, table1, diagnosis, plan)
             verdict = verdict_of_diagnosis(diagnosis, plan, out / _DIAGNOSIS)
             write_diagnosis(aside / _DIAGNOSIS, diagnosis, plan, figures=True, verdict=verdict)
-    print_words(console, calibration_text(table1, words_of_calibration(table1), min(WIDTH, console.width)))
+    print_words(console, calibration_text(words_of_calibration(table1), min(WIDTH, console.width)))
     found = verdict_lines(verdict, min(WIDTH, console.width))
     for text in ("\nFindings", *(f"\n{text}" for text in words), "\nDiagnosis of Table 1", *found):
         print_words(console, text)

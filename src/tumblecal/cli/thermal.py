@@ -109,9 +109,11 @@ def thermal(
     from tumblecal.ground.option_texts import sd_of_reading
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.recordings.thermal.read_thermal import thermal_reading
+    from tumblecal.show.figures.thermal import FIGURES
     from tumblecal.show.narrow import print_table
+    from tumblecal.show.page import write_page
     from tumblecal.show.recordings import grouped_lines
-    from tumblecal.show.thermal import value_tables, verdict_of_thermal, words_of_thermal, write_thermal_page
+    from tumblecal.show.thermal import temperature_table, words_of_thermal
     from tumblecal.show.verdict import verdict_lines
     from tumblecal.thermal.record import write_thermal
     from tumblecal.thermal.result import thermal_calibration
@@ -130,11 +132,12 @@ def thermal(
         with command.working("fitting"):
             result = thermal_calibration(reading.table, stated)
         words = words_of_thermal(result, out)
-        verdict = verdict_of_thermal(result, words)
-        write_thermal(aside, result, verdict.words().splitlines())
-        write_thermal_page(aside / "thermal.html", result, words)
-    command.say("", *verdict_lines(verdict, command.columns))
-    for table in value_tables(result).values() if command.words else ():
-        print()
-        print_table(Console(), table)
+        write_thermal(aside, result, words.verdict.words().splitlines())
+        tables = {} if result.curves is None else {"temperature": temperature_table(result)}
+        write_page(aside / "thermal.html", words, FIGURES, result, tables=tables)
+    command.say("", *verdict_lines(words.verdict, command.columns))
+    for name in ("reference", "coefficients") if command.words else ():
+        if table := words.table(name):
+            print()
+            print_table(Console(), table)
     return command.end(out, _SET, "thermal.json", result.calibration.use, reading.table.source)

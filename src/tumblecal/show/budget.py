@@ -1,6 +1,6 @@
 """An uncertainty budget for people: its text on a terminal, and `budget.html` with its figure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,7 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
 from tumblecal.show.figures.budget import shares_figure
 from tumblecal.show.figures.drawing import write_each
-from tumblecal.show.page import page, write_page
-from tumblecal.show.tables import Table
+from tumblecal.show.page import write_page
 from tumblecal.show.words import Words, words_of
 
 
@@ -22,14 +21,6 @@ from tumblecal.show.words import Words, words_of
 _NEGLIGIBLE = 1e-4
 # Below this many degrees of freedom a tenth changes the second digit of the coverage factor.
 _FEW_DOF = 10
-# Columns of words of each table.
-_TEXT = {
-    "combined": (0, 1, 9),
-    "intrinsic": (0, 1),
-    "contributions": (0, 1),
-    "inputs": (0, 1, 3, 4, 6),
-    "trials": (0, 1),
-}
 
 
 def words_of_budget(budget: Budget, checked: MonteCarlo | None, notes: Sequence[str] = ()) -> Words:
@@ -59,10 +50,10 @@ def words_of_budget(budget: Budget, checked: MonteCarlo | None, notes: Sequence[
 def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
     """The budget for a terminal: the sections of the page."""
     words = words_of_budget(budget, checked)
-    tables, lines = _tables(words), list[str]()
+    lines = list[str]()
     for section in words.sections:
         entries = [cells[0] for cells in section.entries]
-        held = [str(table) for name, table in tables.items() if f"[table {name}]" in entries]
+        held = [str(table) for name in words.blocks if f"[table {name}]" in entries and (table := words.table(name))]
         if held:
             lines += [section.title, *(entry for entry in entries if not entry.startswith("[")), *held, ""]
     return "\n".join([*lines, words.text("headline")])
@@ -76,14 +67,4 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
     write_text(folder / "budget.json", json_text(budget_content(budget, checked)))
     drawn = write_each(folder, {"budget.svg": shares_figure}, budget)
     words = words_of_budget(budget, checked, notes)
-    return ["budget.json", *drawn, *_write_page(folder / "budget.html", words, drawn)]
-
-
-@page
-def _write_page(path: Path, words: Words, drawn: Mapping[str, str]) -> None:
-    write_page(path, words, words.verdict("", ""), tables=_tables(words), figures=drawn)
-
-
-def _tables(words: Words) -> dict[str, Table]:
-    tables = {name: words.table(name, text=text) for name, text in _TEXT.items()}
-    return {name: table for name, table in tables.items() if table is not None}
+    return ["budget.json", *drawn, *write_page(folder / "budget.html", words, drawn)]

@@ -1,8 +1,6 @@
 """A calibration for people: its words, its verdict, its text on a terminal, and `calibration.html`."""
 
-from collections.abc import Mapping
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +20,8 @@ from tumblecal.lab.judgements import remedy_words
 from tumblecal.lab.limits import NO_GRAVITY
 from tumblecal.lab.record import STRONG_CORRELATION, calibration_of, strong_correlations
 from tumblecal.lab.sensor_terms import effects_in, held_words, lacking_of_fit
-from tumblecal.show.figures.calibration import overview_figure
 from tumblecal.show.fit import TITLES, fit_words
-from tumblecal.show.page import page, write_page
-from tumblecal.show.tables import Table
-from tumblecal.show.verdict import WIDTH, Verdict, command_at_end, verdict_lines
+from tumblecal.show.verdict import WIDTH, command_at_end, verdict_lines
 from tumblecal.show.words import Words, words_of
 
 
@@ -82,39 +77,10 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
     )
 
 
-def verdict_of_calibration(calibrated: Calibrated, words: Words) -> Verdict:
-    """The verdict of a calibration in these words."""
-    return words.verdict(words.text("badge"), Path(calibrated.exact.data.source).name, calibrated.use.words)
-
-
-def calibration_text(calibrated: Calibrated, words: Words, width: int = WIDTH) -> str:
+def calibration_text(words: Words, width: int = WIDTH) -> str:
     """The parameters and the verdict for a terminal."""
-    lines = [line for part in _parameters(words).parts(width) for lines in part for line in lines]
-    return "\n".join([*lines, "", *verdict_lines(verdict_of_calibration(calibrated, words), width)])
-
-
-@page
-def write_calibration_page(path: Path, calibrated: Calibrated, words: Words, drawn: Mapping[str, str]) -> None:
-    """Write the page; `drawn`: SVG texts by the names of their files."""
-    applied = _applied(calibrated)
-    tables = {name: Table(("", ""), words.pairs(name), text=(0, 1)) for name in ("details", "provenance")}
-    tables["parameters"] = _parameters(words)
-    if applied is not None:
-        tables["matrix"] = Table(("", "matrix A_x", "A_y", "A_z", "bias / mg"), applied.rows)
-    write_page(
-        path,
-        words,
-        verdict_of_calibration(calibrated, words),
-        tone=calibrated.judgements[0].tone,
-        tables=tables,
-        figures={"overview": partial(overview_figure, calibrated.exact), **drawn},
-        code={"apply": words.lines("apply")},
-    )
-
-
-def _parameters(words: Words) -> Table:
-    header, *rows = words.blocks["parameters"]
-    return Table(header, rows, text=(0, 4))
+    lines = [line for part in words.table("parameters").parts(width) for lines in part for line in lines]
+    return "\n".join([*lines, "", *verdict_lines(words.verdict, width)])
 
 
 def _applied(calibrated: Calibrated) -> Calibration | None:

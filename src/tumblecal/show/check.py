@@ -1,7 +1,6 @@
-"""A check for people: its words, its verdict, and `check.html`."""
+"""A check for people: its words."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,10 @@ from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import decimals, rounded_together, with_decimals
 from tumblecal.ground.units import shown
-from tumblecal.show.figures.check import check_figure, limits, sizes
-from tumblecal.show.page import page, write_page
-from tumblecal.show.tables import Table
-from tumblecal.show.verdict import Verdict
 from tumblecal.show.words import Words, words_of
 
 
 _KINDS = {"bias": "bias", "dK": "scale factor", "gamma": "non-orthogonality"}
-_TONES = {"agrees": "good", "changed": "bad", "repeat": "open"}
 # Hidden combinations that a line lists, and parameters of each.
 _MOST_HIDDEN, _MOST_TOGETHER = 3, 3
 
@@ -83,26 +77,6 @@ def words_of_check(
         update=update,
         process=process,
         written=written,
-    )
-
-
-def verdict_of_check(result: CheckResult, words: Words) -> Verdict:
-    """The verdict of a check in these words."""
-    return words.verdict(result.outcome, result.data.source, result.use.words)
-
-
-@page
-def write_check_page(path: Path, result: CheckResult, words: Words) -> None:
-    """Write `check.html`."""
-    verdict = verdict_of_check(result, words)
-    parts = {"check": (sizes, limits), "sizes": (sizes,), "limits": (limits,)}
-    write_page(
-        path,
-        words,
-        verdict,
-        tone=_TONES[result.outcome],
-        tables={"details": Table(("", ""), list(verdict.details), text=(0, 1))},
-        figures={name: partial(check_figure, result, *part) for name, part in parts.items()},
     )
 
 

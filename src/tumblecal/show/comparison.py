@@ -9,7 +9,7 @@ from tumblecal.show.words import words_of
 def comparison_text(comparison: Comparison) -> str:
     """The changes between two calibrations, for a terminal."""
     words = words_of("comparison", c=comparison)
-    return f"{words.table('changes', text=(0, 6))}\n\n{words.table('tests', text=(0, 2, 6, 7))}"
+    return f"{words.table('changes')}\n\n{words.table('tests')}"
 
 
 def dof_words(dof: float) -> str:

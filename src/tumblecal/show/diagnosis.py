@@ -25,7 +25,6 @@ from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.atomic import writable_folder, write_texts
 from tumblecal.ground.json_file import json_text
-from tumblecal.ground.units import in_words
 from tumblecal.lab.diagnosed_use import diagnosed_use, lacking_of_diagnosis
 from tumblecal.lab.extended_rig import NAME as EXTENDED_RIG
 from tumblecal.lab.extended_rig import extended_rig_text
@@ -81,6 +80,7 @@ def words_of_diagnosis(
         d=diagnosis,
         plan=plan,
         use=diagnosed_use(diagnosis),
+        source=Path(diagnosis.data.source).name,
         noise_mg=1e3 * diagnosis.level * float(np.median(diagnosis.problem.sd)),
         unusual=implausible_words(diagnosis.implausible),
         first=first,
@@ -112,7 +112,6 @@ def words_of_diagnosis(
         undetermined=[name for name in diagnosis.extended.undetermined if name in moved],
         found_elsewhere=[id for id, entry in diagnosis.entries.items() if entry.found_as],
         formula=formula,
-        in_words=in_words,
         label_words=label_words,
         law_words=law_words,
         title=_title,
@@ -125,7 +124,7 @@ def verdict_of_diagnosis(
 ) -> Verdict:
     """The verdict of a diagnosis: in `words` if they exist, otherwise in those of `words_of_diagnosis`."""
     words = words or words_of_diagnosis(diagnosis, plan, folder)
-    return words.verdict(diagnosis.verdict, Path(diagnosis.data.source).name, diagnosed_use(diagnosis).words)
+    return words.verdict
 
 
 def _finding(diagnosis: Diagnosis, number: int, causes: Sequence[Cause]) -> dict[str, Any]:

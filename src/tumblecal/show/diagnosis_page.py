@@ -1,36 +1,24 @@
 """`diagnosis.html`: the verdict with a picture for each finding, and everything it rests on."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.numbers_shown import decimals
-from tumblecal.ground.units import in_words, shown
+from tumblecal.ground.units import shown
 from tumblecal.planning import NextPlan
-from tumblecal.show.diagnosis import harm_in_u, verdict_of_diagnosis, words_of_diagnosis
+from tumblecal.show.diagnosis import verdict_of_diagnosis, words_of_diagnosis
 from tumblecal.show.figures.finding import card_figures, finding_signals
 from tumblecal.show.fit import fit_words
-from tumblecal.show.page import TONES, page, write_page
-from tumblecal.show.tables import Table
+from tumblecal.show.page import write_page
 from tumblecal.show.verdict import Verdict
-from tumblecal.show.words import Words, words_of
 
 
-# Tables by name, with their columns of words.
-_TABLES = {"gain": (0, 4), "alternatives": (0, 1, 2), "explanations": (0,), "parameters": (1,), "provenance": (1,)}
-_LIMITS = {"limits": (1, 3), "invisible": (1, 2, 3), "not testable": (0, 1)}
-_PLANS = {"together": (1,), "singles": (1,), "confirming": (2,)}
-# Details that tables and cards of the page show.
-_SHOWN = {"Changes of the calibration", "Residuals and gain", "Causes", "Undetectable with these data", "Not testable"}
-
-
-@page
 def write_diagnosis_page(
     path: Path, diagnosis: Diagnosis, plan: NextPlan, drawn: Mapping[str, str], verdict: Verdict | None = None
-) -> None:
+) -> list[str]:
     """Write the page.
 
     `path`: the HTML file. `plan`: what to measure next. `drawn`: SVG texts by the names of their files. `verdict`: by default
@@ -51,33 +39,8 @@ def write_diagnosis_page(
         signals={number: signal.label for number, signal in signals.items()},
         parameters=list(_parameters(diagnosis)),
     )
-    tables = _tables(words, _TABLES) | limit_tables(diagnosis, folded="limits.svg" in drawn)
-    tables["explanations"] = replace(tables["explanations"], shares=(1,))
-    if others := [one for one in verdict.details if one[0] not in _SHOWN]:
-        tables["details"] = Table(("", ""), others, text=(0, 1))
     cards = {f"card_{number}": draw for number, draw in card_figures(diagnosis, signals).items()}
-    write_page(
-        path,
-        words,
-        verdict,
-        tone=TONES[diagnosis.verdict],
-        tables=tables,
-        figures=cards | {Path(name).stem: svg for name, svg in drawn.items()},
-        plans=[*_tables(words, _PLANS).values()],
-    )
-
-
-def limit_tables(diagnosis: Diagnosis, *, folded: bool = False) -> dict[str, Table]:
-    """Detection limits, undetectable effects and those that cannot be tested, by the names limits, invisible and not testable;
-    `folded`: whether the limits are closed at first, as a figure shows them."""
-    words = words_of("diagnosis_limits", d=diagnosis, harm=harm_in_u(diagnosis), in_words=in_words, shown=shown)
-    tables = _tables(words, _LIMITS)
-    return tables | {name: replace(table, folded=folded) for name, table in tables.items() if name == "limits"}
-
-
-def _tables(words: Words, columns: Mapping[str, Sequence[int]]) -> dict[str, Table]:
-    tables = {name: words.table(f"table {name}", text=text) for name, text in columns.items()}
-    return {name: table for name, table in tables.items() if table is not None}
+    return write_page(path, words, cards | drawn, verdict=verdict)
 
 
 def _parameters(diagnosis: Diagnosis) -> Iterator[tuple]:

@@ -1,5 +1,6 @@
-"""The history of a unit for people: its words, and its lines on a terminal."""
+"""The history of a unit for people: its words, its verdict, and its lines on a terminal."""
 
+from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.history.changes import STEP, Change
 from tumblecal.history.repeatability import DAYS_A_MONTH, FEWEST, MOUNTING, TOGETHER, Trend, UnitHistory
+from tumblecal.show.verdict import Finding, Verdict, as_sentence
 from tumblecal.show.words import Words, words_of
 
 
@@ -49,6 +51,19 @@ def _events(history: UnitHistory) -> dict[tuple[str, int, int], list[tuple[Trend
 def steps(words: Words) -> list[str]:
     """The next steps of all findings."""
     return list(dict.fromkeys(step for _, step in words.pairs("findings") if step))
+
+
+def verdict_of_history(words: Words) -> Verdict:
+    """The verdict of the page: the first finding is the headline."""
+    found = [as_sentence(finding) for finding, _ in words.pairs("findings")]
+    return replace(
+        words.verdict,
+        verdict="flagged" if found else words.text("badge"),
+        headline=f"{found[0]}." if found else words.text("headline"),
+        found=tuple(map(Finding, found[1:])),
+        evidence=(*words.lines("repeatability"), *words.lines("evidence")),
+        next=(*steps(words), *words.lines("interval")),
+    )
 
 
 def history_text(words: Words) -> str:

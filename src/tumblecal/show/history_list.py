@@ -10,7 +10,7 @@ from tumblecal.show.tables import Table, number
 def listed(entries: Iterable[Entry]) -> Table:
     """The entries of a history, a row each."""
     header = ["number", "date (UTC)", "serial number", "kind", "rms / mg", "p", "outcome"]
-    return Table(header, list(map(_row, entries)), text=(1, 2, 3, 6))
+    return Table(header, list(map(_row, entries)))
 
 
 def _row(entry: Entry) -> list[str]:

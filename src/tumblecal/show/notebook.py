@@ -18,14 +18,14 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
 from tumblecal.lab.diagnosed_use import not_written
 from tumblecal.lab.record import calibration_of
-from tumblecal.show.calibration import verdict_of_calibration, words_of_calibration
+from tumblecal.show.calibration import words_of_calibration
 from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
     """The verdict and the exact fit's parameters."""
     screen = calibrated.exact.screen()
-    headline, *reasons = verdict_of_calibration(calibrated, words_of_calibration(calibrated)).words().splitlines()
+    headline, *reasons = words_of_calibration(calibrated).verdict.words().splitlines()
     return Screen(f"{calibrated.exact.data.source}: {headline}", screen.header, screen.rows, reasons)
 
 

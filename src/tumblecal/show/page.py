@@ -5,10 +5,8 @@ It begins with a verdict: badge and headline, use, evidence, a card for each fin
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import wraps
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Concatenate, ParamSpec
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -23,13 +21,20 @@ from tumblecal.show.verdict import COMMAND, Verdict
 from tumblecal.show.words import SectionWords, Words
 
 
-# The colour of a diagnosis.
-TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexplained": "bad"}
+# The colour of a verdict; that of any other badge is neutral.
+_TONES = {
+    **dict.fromkeys(("adequate", "agrees", "stable", "usable"), "good"),
+    **dict.fromkeys(("identified",), "named"),
+    **dict.fromkeys(("ambiguous", "repeat", "open", "usable in part", "not tested"), "open"),
+    **dict.fromkeys(("unexplained", "changed", "flagged", "do not use"), "bad"),
+}
 # Characters of next steps that the first screen has room for; the rest is folded.
 _ROOM = 1000
-_Content = ParamSpec("_Content")
-_PLACE = re.compile(r"\[(table|code|figure|screen) ([^\]]+)\]")
+_PLACE = re.compile(r"\[(table|list|code|figure|screen) ([^\]]+)\]")
 _SHARE = re.compile(r"0?\.\d+|1\.0*|[01]")
+
+
+PageFigures = Mapping[str, str | Callable[..., Figure | None]]
 
 
 @dataclass(frozen=True)
@@ -82,89 +87,90 @@ def _named(svg: str, prefix: str) -> str:
     return re.sub(r'<svg\b([^>]*?) width="([\d.]+pt)"', r'<svg style="--wide: \2"\1 width="\2"', svg, count=1)
 
 
-def page(write: Callable[Concatenate[Path, _Content], None]) -> Callable[Concatenate[Path, _Content], list[str]]:
-    """A function that writes a page of results that are complete without it; it returns the name of the page, [] after an
-    error (see `supplement`)."""
-
-    @wraps(write)
-    def written(path: Path, *content: _Content.args, **options: _Content.kwargs) -> list[str]:
-        with supplement(path):
-            write(path, *content, **options)
-            return [path.name]
-        return []
-
-    return written
-
-
 def write_page(
     path: Path,
     words: Words,
-    verdict: Verdict,
-    *,
-    tone: str = "",
+    figures: PageFigures | None = None,
+    *result: object,
     tables: Mapping[str, Table] | None = None,
-    figures: Mapping[str, str | Callable[[], Figure | None]] | None = None,
-    code: Mapping[str, Sequence[str]] | None = None,
-    plans: Sequence[Table] = (),
-) -> None:
-    """Write a complete page, or none: its layout is that of the words.
+    verdict: Verdict | None = None,
+) -> list[str]:
+    """Write a complete page, or none: its layout is that of the words. The results are complete without it (see `supplement`).
 
-    Blocks of the words: `title` and `lead`; `values`, results on the first screen; the fourth cell of an entry of `found` and
-    the block `picture` (of a verdict without a finding) are the names of the figures on cards; sections follow in their order,
-    with `[table NAME]`, `[code NAME]` and `[figure NAME] | caption` as entries (`[screen NAME]`: a figure that is not printed).
-    A section without any content is omitted, as is a table or figure that does not exist.
+    Blocks of the words: `title` and `lead`; those of the verdict; `tone`, its colour (good, named, open or bad), if it does not
+    follow from the badge; `values`, results on the first screen; the fourth cell of an entry of `found` and the block `picture`
+    (of a verdict without a finding) are the names of the figures on cards; blocks `next ...` are tables of the next steps,
+    folded. Sections follow in their order, with `[table NAME]`, `[list NAME]` (a table without header), `[code NAME]` and
+    `[figure NAME] | caption` as entries (`[table NAME] | folded`; `[screen NAME]`: a figure that is not printed). A section
+    without any content is omitted, as is a table or figure that does not exist.
 
     **Arguments:**
 
-    - `path`: the HTML file. `tone`: colour of the verdict: good, named, open or bad.
-    - `tables`, `figures`, `code`: by name; a figure is a function that draws it, or its SVG text. `plans`: tables of the next
-      steps, folded.
+    - `path`: the HTML file. `figures`: by name, SVG texts, or functions of the `result` that draw them.
+    - `tables`: those that are no blocks. `verdict`: to show instead of that of the words.
+
+    **Returns:** the name of the page; [] after an error.
     """
-    tables, figures, code = tables or {}, figures or {}, code or {}
+    with supplement(path):
+        write_text(path, _page_text(path, words, figures or {}, result, tables or {}, verdict or words.verdict))
+        return [path.name]
+    return []
+
+
+def _page_text(
+    path: Path,
+    words: Words,
+    figures: PageFigures,
+    result: tuple[object, ...],
+    tables: Mapping[str, Table],
+    verdict: Verdict,
+) -> str:
+    figures = {Path(name).stem: figure for name, figure in figures.items()}
     numbered = {number: cells[3] for number, cells in enumerate(words.blocks.get("found", ()), 1) if len(cells) > 3}
     pictures = {f"card {number}": name for number, name in ({0: words.text("picture")} | numbered).items()}
     places = (_PLACE.fullmatch(cells[0]) for section in words.sections for cells in section.entries)
     wanted = pictures | {place[2]: place[2] for place in places if place}
     given = {key: figures[name] for key, name in wanted.items() if name in figures}
-    drawn = draw_each(path, {key: figure for key, figure in given.items() if not isinstance(figure, str)})
+    drawn = draw_each(path, {key: figure for key, figure in given.items() if not isinstance(figure, str)}, *result)
     drawn |= {key: svg for key, svg in given.items() if isinstance(svg, str)}
     drawn = {key: _named(svg, f"f{number}") for number, (key, svg) in enumerate(drawn.items())}
     shown, folded = _next_steps(verdict)
     environment = Environment(loader=PackageLoader("tumblecal.show"), autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"typeset": _typeset, "share": _share}
-    text = environment.get_template("page.html").render(
+    return environment.get_template("page.html").render(
         title=words.text("title"),
         lead=words.text("lead"),
-        tone=tone,
+        tone=words.text("tone") or _TONES.get(verdict.verdict, "named"),
         verdict=verdict,
         cards=list(_cards(verdict, drawn)),
         open=[one for one in verdict.unresolved if not one.findings],
         shown=shown,
         folded=folded,
-        plans=plans,
+        plans=[table for name in words.blocks if name.startswith("next ") and (table := words.table(name))],
         values=words.lines("values"),
-        sections=[made for one in words.sections if (made := _section(one, tables, drawn, code)) is not None],
+        sections=[made for one in words.sections if (made := _section(one, words, tables, drawn))],
         footer=f"Written by tumblecal {__version__}.",
     )
-    write_text(path, text)
 
 
 def _section(
-    words: SectionWords, tables: Mapping[str, Table], drawn: Mapping[str, str], code: Mapping[str, Sequence[str]]
+    section: SectionWords, words: Words, tables: Mapping[str, Table], drawn: Mapping[str, str]
 ) -> Section | None:
     """A section with the content of its places; None without any content."""
-    made = Section(words.title)
-    for first, *caption in words.entries:
+    made = Section(section.title)
+    for first, *more in section.entries:
         place = _PLACE.fullmatch(first)
         kind, name = (place[1], place[2]) if place else ("", "")
         if place is None:
             made.words.append(first)
-        elif kind == "table":
-            made.tables.extend([tables[name]] if name in tables else [])
+        elif kind == "table" and (table := tables.get(name) or words.table(name)):
+            made.tables.append(replace(table, folded=True) if more else table)
+        elif kind == "list" and (rows := words.blocks.get(name)):
+            made.tables.append(Table([""] * len(rows[0]), rows))
         elif kind == "code":
-            made.code.extend(code.get(name, ()))
+            made.code.extend(words.lines(name))
         elif name in drawn:
-            made.figures.append(PageFigure(drawn[name], *caption, on_paper=kind == "figure"))
+            made.figures.append(PageFigure(drawn[name], *more, on_paper=kind == "figure"))
     return made if made.words or made.code or made.tables or made.figures else None
 
 

@@ -1,7 +1,7 @@
 """The study of the paper as files: figures, `study.json`, `page.html`, `findings.txt`."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +16,11 @@ from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.lab.record import result_content
 from tumblecal.planning import NextPlan
-from tumblecal.show.diagnosis import verdict_of_diagnosis
-from tumblecal.show.diagnosis_page import limit_tables
+from tumblecal.show.diagnosis import harm_in_u, verdict_of_diagnosis
 from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.figures.paper import AUDIT_FIGURES, FIGURES, GROUPS
 from tumblecal.show.fit import TITLES
-from tumblecal.show.page import page, write_page
+from tumblecal.show.page import write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of
 from tumblecal.studies.paper_audit import Audit
@@ -37,7 +36,7 @@ def write_paper_study(
 ) -> list[str]:
     """Write everything into `folder`; `diagnosis` and `plan`: of Table 1. Returns the findings."""
     diagnosed = verdict_of_diagnosis(diagnosis, plan).words().splitlines()
-    words = words_of_paper(study, audit, table1.exact, diagnosed)
+    words = words_of_paper(study, audit, table1.exact, diagnosed, diagnosis)
     findings = words.section("Findings")
     folded = "\n\n".join(textwrap.fill(text, 100) for text in findings) + "\n"
     record = paper_record(study, audit, result_content(table1), findings)
@@ -48,12 +47,14 @@ def write_paper_study(
         "explanations": _explanations_table(audit),
         "methods": _methods_table(table1),
         "published": _published_table(table1.exact),
-    } | limit_tables(diagnosis)
-    _write_page(folder / "page.html", words, tables, figures)
+    }
+    write_page(folder / "page.html", words, figures, tables=tables)
     return findings
 
 
-def words_of_paper(study: PaperStudy, audit: Audit, table1: Fit, diagnosed: Sequence[str]) -> Words:
+def words_of_paper(
+    study: PaperStudy, audit: Audit, table1: Fit, diagnosed: Sequence[str], diagnosis: Diagnosis
+) -> Words:
     """The words; `diagnosed`: those of the diagnosis of Table 1, a paragraph each."""
     errors = np.abs(study.exact_mean[-1] - study.truth) / (study.single_sd / np.sqrt(len(study.single)))
     difference = np.abs(study.exact_mean[-1] - study.mean[-1]) / study.single_sd
@@ -67,15 +68,10 @@ def words_of_paper(study: PaperStudy, audit: Audit, table1: Fit, diagnosed: Sequ
         farthest=study.names[int(np.argmax(errors))],
         difference=np.max(difference),
         early=[study.early_error[name] for name in _EARLY],
-        groups=[
-            (f"figure{number}_{leaf}.svg", f"Figure {number}. {title}") for leaf, (number, title) in GROUPS.items()
-        ],
+        groups=[(f"figure{number}_{leaf}", f"Figure {number}. {title}") for leaf, (number, title) in GROUPS.items()],
+        d=diagnosis,
+        harm=harm_in_u(diagnosis),
     )
-
-
-@page
-def _write_page(path: Path, words: Words, tables: Mapping[str, Table], figures: Mapping[str, str]) -> None:
-    write_page(path, words, words.verdict("", ""), tone="named", tables=tables, figures=figures)
 
 
 def _methods_table(table1: Calibrated) -> Table:

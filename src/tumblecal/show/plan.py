@@ -1,11 +1,9 @@
 """A designed plan for people: its words, `plan.html`, and its lines and tables on a terminal."""
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from rich.console import Console
 
 from tumblecal.design.model.responses import MOUNT, PITCH
@@ -13,24 +11,11 @@ from tumblecal.design.plan import DesignedPlan
 from tumblecal.design.plan_files import capture_files, run_folder
 from tumblecal.design.positions.bounds import GOOD
 from tumblecal.ground.units import factor
-from tumblecal.show.figures.drawing import in_card
-from tumblecal.show.figures.plan import FIGURES, in_use_figure, uncertainty_figure
 from tumblecal.show.narrow import print_table, print_words
-from tumblecal.show.page import page, write_page
-from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of
 
 
-# Columns of words in the tables, and the tables on a terminal.
-_TEXT = {
-    "positions": (2,),
-    "uncertainties": (3,),
-    "practice": (0, 4),
-    "effects": (0, 2, 9),
-    "named": (0,),
-    "limits": (2,),
-    "assumptions": (0, 1),
-}
+# Tables on a terminal.
 _PRINTED = ("uncertainties", "practice", "named")
 
 
@@ -68,7 +53,7 @@ def words_of_plan(plan: DesignedPlan, folder: Path) -> Words:
 
 def plan_lines(words: Words) -> Iterator[str]:
     """The findings, the most important first."""
-    about = words.verdict("plan", "")
+    about = words.verdict
     yield f"{words.text('lead')} {about.headline}"
     yield from (question.words for question in about.unresolved if not question.findings)
     yield from about.evidence
@@ -80,44 +65,16 @@ def plan_lines(words: Words) -> Iterator[str]:
     yield from (f"Assumed: {assumed}. Override with {key}." for assumed, key in words.pairs("assumptions")[1:])
 
 
-def _tables(words: Words) -> dict[str, Table]:
-    """The tables that have rows, by name."""
-    first = {(0, column) for column in range(len(words.blocks["practice"][0]))}
-    tables = {
-        name: words.table(
-            name, text=text, marked=first if name in ("practice", "named") else (), folded=name == "limits"
-        )
-        for name, text in _TEXT.items()
-    }
-    return {name: table for name, table in tables.items() if table}
-
-
-@page
-def write_plan_page(path: Path, plan: DesignedPlan, words: Words) -> None:
-    """Write `plan.html`."""
-    figures: dict[str, Callable[[], Figure | None]] = {name: partial(figure, plan) for name, figure in FIGURES.items()}
-    figures["small"] = lambda: in_card(uncertainty_figure(plan), 2.3)
-    figures["small_in_use"] = lambda: in_card(in_use_figure(plan), 2.0)
-    write_page(
-        path,
-        words,
-        words.verdict("plan", plan.rig.source),
-        tone="named",
-        tables=_tables(words),
-        figures=figures,
-    )
-
-
 def print_plan(words: Words) -> None:
     """Print a designed plan: findings, uncertainties, comparison, and the commands that measure it."""
-    console, tables = Console(), _tables(words)
+    console = Console()
     print_words(console, f"\n{words.text('title')}", style="bold")
     for line in plan_lines(words):
         print_words(console, line)
     for name in _PRINTED:
-        if name in tables:
+        if table := words.table(name):
             print_words(console, "")
-            print_table(console, tables[name])
+            print_table(console, table)
     instruction, *commands = words.lines("next")
     print_words(console, f"\n{instruction}")
     for command in commands:

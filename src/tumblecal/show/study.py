@@ -1,10 +1,9 @@
-"""The answer of a study: its words, its table, its page, and the terminal."""
+"""The answer of a study: its words, its table, and the terminal."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,7 @@ from rich.console import Console
 from tumblecal import __version__
 from tumblecal.ground.units import in_words, shown
 from tumblecal.show.narrow import print_table, print_words
-from tumblecal.show.page import page, write_page
 from tumblecal.show.tables import Table
-from tumblecal.show.verdict import Verdict
 from tumblecal.show.words import Words, words_of
 
 
@@ -44,37 +41,23 @@ class Answer:
     @cached_property
     def words(self) -> Words:
         """Question, answer, and the layout of the page."""
-        return words_of("study", kind=self.kind, content=self.content, frames=self.frames, **self.values)
-
-    @property
-    def verdict(self) -> Verdict:
-        """Headline and meaning."""
-        return self.words.verdict("", "")
+        return words_of(
+            "study",
+            kind=self.kind,
+            tone=self.tone,
+            content=self.content,
+            frames=self.frames,
+            settings=list(_settings(self.content)),
+            **self.values,
+        )
 
 
 def print_answer(answer: Answer, console: Console) -> None:
     """Print the answer, then the table behind it."""
-    print_words(console, answer.verdict.headline, style="bold")
-    for words in answer.verdict.evidence:
+    print_words(console, answer.words.verdict.headline, style="bold")
+    for words in answer.words.verdict.evidence:
         print_words(console, words)
     print_table(console, answer.table)
-
-
-@page
-def write_study_page(path: Path, answer: Answer, figures: Mapping[str, str]) -> None:
-    """Write the page of a study; `figures`: SVG texts by the names of their files."""
-    write_page(
-        path,
-        answer.words,
-        answer.verdict,
-        tone=answer.tone,
-        tables={
-            "results": answer.table,
-            "files": Table(["file", "contents"], answer.words.pairs("files"), text=(0, 1)),
-            "settings": Table(["", ""], list(_settings(answer.content)), text=(1,)),
-        },
-        figures={Path(name).stem: svg for name, svg in figures.items()},
-    )
 
 
 def answer_of(kind: str, content: Mapping[str, Any], frames: Frames) -> Answer:
@@ -102,7 +85,7 @@ def _coverage(content: Mapping[str, Any], frames: Frames) -> _Found:
     header = ["parameter", "bias", "se", "sd", "predicted", "unit", "95 % stated", "95 % estimated"]
     values = {"trusted": trusted, "least": 100 * covered.min(), "most": 100 * covered.max(), "bias": bias[moved]}
     values |= {"farthest": rows["parameter"][far], "biased": rows["parameter"][moved]}
-    return "good" if trusted else "bad", Table(header, table, text=(0, 5)), values
+    return "good" if trusted else "bad", Table(header, table), values
 
 
 def _sweep(content: Mapping[str, Any], frames: Frames) -> _Found:
@@ -119,7 +102,7 @@ def _sweep(content: Mapping[str, Any], frames: Frames) -> _Found:
     header = [f"{_short(path)}, {units[path]}" if path in units else _short(path) for path in content["grid"]]
     header += ["failed", "chi2 / dof", "largest bias / sd", "of", "worst 95 % coverage", "path"]
     margin = max(_SHARE, _ERRORS * np.sqrt(0.95 * 0.05 / max(content["points"][0]["trials"], 1)))
-    table = Table(header, rows, text=(len(content["grid"]) + 3, len(header) - 1))
+    table = Table(header, rows)
     return "good" if lowest[0] >= 0.95 - margin else "open", table, {"least": 100 * lowest[0], "where": lowest[1]}
 
 
@@ -152,7 +135,7 @@ def _convergence(content: Mapping[str, Any], frames: Frames) -> _Found:
     header += [f"NEES / {content['nees_expected']}", f"NIS / {content['nis_expected']}"]
     values = {"threshold": thresholds[0], "fewest": fewest}
     values |= {"fastest": [method for method, sets in sets_of.items() if sets == fewest]}
-    return "named", Table(header, rows, text=(0,)), values
+    return "named", Table(header, rows), values
 
 
 def _linearization(content: Mapping[str, Any], frames: Frames) -> _Found:
@@ -170,7 +153,7 @@ def _linearization(content: Mapping[str, Any], frames: Frames) -> _Found:
             cells.append(str(known["parameter"][0]) if len(known) else "")
         rows.append(cells)
     header = ["errors of", "data sets", *(cell for path in paths for cell in (f"{path} / mrad", "first"))]
-    table = Table(header, rows, text=(0, *(3 + 2 * k for k in range(len(paths)))))
+    table = Table(header, rows)
     return "named", table, {"paths": paths, "worst": next(row for row in rows if row[0] == rows[-1][0])}
 
 
@@ -189,7 +172,7 @@ def _power(content: Mapping[str, Any], frames: Frames) -> _Found:
         smallest = f"{enough['size'].to_numpy().min():g} {enough['unit'][0]}" if len(enough) else ""
         detected.append((effect, smallest))
     header = ["effect", "size", "unit", "runs", "detected", "named", "failed"]
-    return "named", Table(header, rows, text=(0, 2)), {"detected": detected}
+    return "named", Table(header, rows), {"detected": detected}
 
 
 _ANSWERS = dict(coverage=_coverage, sweep=_sweep, convergence=_convergence, linearization=_linearization, power=_power)

@@ -1,28 +1,33 @@
 """A table as a record: HTML on a page, aligned text on a terminal of any width; without numpy, so that lists come at once."""
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 
 _GAP = 2
+# The beginning of a cell with a number, such as `+0.5`, `(2 +- 1)e-3` or `> 4`; and a cell without a value.
+_NUMBER, _NONE = re.compile(r"[-+<>(~ ]*\d"), ("", "-")
 
 
 @dataclass(frozen=True)
 class Table:
     """A table: header cells and rows of cells.
 
-    - `text`: columns of words: left-aligned; on a page they may break into lines. All others contain numbers.
-    - `shares`: columns of numbers from 0 to 1, drawn as bars on a page. `marked`: cells (row, column) emphasised there.
-    - `folded`: whether it is closed at first on a page, as a figure shows the same.
+    `folded`: whether it is closed at first on a page, as a figure shows the same.
     """
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
-    text: Sequence[int] = ()
-    shares: Sequence[int] = ()
-    marked: Collection[tuple[int, int]] = ()
     folded: bool = False
+
+    @cached_property
+    def text(self) -> set[int]:
+        """Columns of words, in most of whose cells there is no number: left-aligned; on a page they may break into lines."""
+        columns = [[cell for cell in cells if cell not in _NONE] for cells in zip(*self.rows, strict=True)]
+        return {k for k, cells in enumerate(columns) if len(cells) > 2 * sum(map(bool, map(_NUMBER.match, cells)))}
 
     def __str__(self) -> str:
         return "\n".join(line for lines in self.parts() for part in lines for line in part)

@@ -1,6 +1,5 @@
 """Units on one head, or of a hand-held session, for people: words, verdict, files, and `diagnosis.html`."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from tumblecal.chain.nominal import PITCH_ERROR
@@ -14,15 +13,12 @@ from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
 from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.figures.units import shared_figure
-from tumblecal.show.page import TONES, page, write_page
-from tumblecal.show.tables import Table
-from tumblecal.show.verdict import Verdict, verdict_lines
+from tumblecal.show.page import write_page
+from tumblecal.show.verdict import verdict_lines
 from tumblecal.show.words import Words, words_of
 
 
 _FIGURE = "shared_by_unit.svg"
-# Columns of words of the tables; all but the first if there are none.
-_TABLES = {"head": (2,), "origins": (0, 1), "explanations": (0, 2), "units": ()}
 
 
 def words_of_units(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> Words:
@@ -59,11 +55,6 @@ def words_of_units(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -
     )
 
 
-def verdict_of_units(found: JointDiagnosis, words: Words) -> Verdict:
-    """The verdict in these words."""
-    return words.verdict(found.verdict, words.text("title"))
-
-
 def write_units(
     folder: Path, found: JointDiagnosis, units: UnitRows, entries: Catalogue, words: Words, *, figures: bool = True
 ) -> list[str]:
@@ -71,7 +62,7 @@ def write_units(
 
     **Returns:** the names of the files, with summary.csv, which the command writes.
     """
-    text = "\n".join(verdict_lines(verdict_of_units(found, words)))
+    text = "\n".join(verdict_lines(words.verdict))
     record = units_record(found, units, entries, words.text("title"), text)
     texts = {"diagnosis.json": json_text(record), "verdict.txt": f"{text}\n"}
     if found.measured is not None:
@@ -81,16 +72,5 @@ def write_units(
     names = [first, second, "summary.csv", *others]
     if figures:
         drawn = write_each(folder, {_FIGURE: shared_figure}, found, entries)
-        names += [*drawn, *write_units_page(folder / "diagnosis.html", found, words, drawn)]
+        names += [*drawn, *write_page(folder / "diagnosis.html", words, drawn)]
     return names
-
-
-@page
-def write_units_page(path: Path, found: JointDiagnosis, words: Words, figures: Mapping[str, str]) -> None:
-    """Write `diagnosis.html`; `figures`: SVG texts by the names of their files."""
-    tables = {}
-    for name, text in _TABLES.items():
-        header, *rows = words.blocks[f"table {name}"]
-        if rows:
-            tables[name] = Table(header, rows, text or range(1, len(header)))
-    write_page(path, words, verdict_of_units(found, words), tone=TONES[found.verdict], tables=tables, figures=figures)

@@ -8,7 +8,7 @@ separates the cells of an entry. Values are in braces, `{size|digits(3)}`; a lin
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -70,22 +70,20 @@ class Words:
         """The first two cells of each entry of a block."""
         return [(cells[0], cells[1] if len(cells) > 1 else "") for cells in self.blocks.get(block, ())]
 
-    def table(self, block: str, **options: Any) -> Table | None:
-        """A block as a table, its first entry as the header; None without rows. `options`: of the table."""
+    def table(self, block: str) -> Table | None:
+        """A block as a table, its first entry as the header; None without rows."""
         header, *rows = self.blocks.get(block) or [()]
-        return Table(header, rows, **options) if rows else None
+        return Table(header, rows) if rows else None
 
-    def verdict(self, verdict: str, source: str, use: str = "") -> Verdict:
-        """The verdict by the blocks headline, found, unresolved, evidence, next and details.
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The verdict by the blocks badge, headline, source, use, found, unresolved, evidence, next and details.
 
         Cells of `found`: words, size, id. Cells of `unresolved`: words, reason, numbers of the findings.
         """
         questions = ([*cells, "", ""][:3] for cells in self.blocks.get("unresolved", ()))
         return Verdict(
-            verdict,
-            self.text("headline"),
-            source,
-            use,
+            *map(self.text, ("badge", "headline", "source", "use")),
             tuple(Finding(*cells[:3]) for cells in self.blocks.get("found", ())),
             tuple(Unresolved(words, reason, tuple(map(int, about.split()))) for words, reason, about in questions),
             tuple(self.lines("evidence")),

@@ -82,7 +82,8 @@ def run_study(
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.show.figures.drawing import write_each
     from tumblecal.show.figures.study import FIGURES
-    from tumblecal.show.study import answer_of, print_answer, write_study_page
+    from tumblecal.show.page import write_page
+    from tumblecal.show.study import answer_of, print_answer
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study, unused_of_head
 
@@ -98,8 +99,8 @@ def run_study(
     folder = writable_folder(running.out)
 
     def shown(aside: Path, content, frames) -> None:
-        page, answer = aside / f"{kind}.html", answer_of(kind, content, frames)
-        write_study_page(page, answer, write_each(aside, FIGURES[kind], content, frames))
+        answer, drawn = answer_of(kind, content, frames), write_each(aside, FIGURES[kind], content, frames)
+        write_page(aside / f"{kind}.html", answer.words, drawn, tables={"results": answer.table})
 
     try:
         with _workers(tables, running) as computed, _bar(console, study.trials) as progress:

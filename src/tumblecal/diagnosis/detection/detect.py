@@ -85,7 +85,7 @@ def kept_null(pool: Pool, alternatives: Alternatives, known: bool) -> Float[np.n
     if cache is None:
         return null_distribution(pool, alternatives, known)
     vectors = np.random.default_rng(SEED).standard_normal((_KEY_VECTORS, pool.dof))
-    digest = hashlib.sha256(sources_digest("diagnosis", "noise").encode())
+    digest = hashlib.sha256(sources_digest("diagnosis", "full_model", "noise").encode())
     for array in (*scores_of_each(pool, alternatives, vectors, known), np.array([pool.dof, known, DRAWS])):
         digest.update(repr(array.shape).encode() + array.tobytes())
     name = f"{_PREFIX}{digest.hexdigest()[:32]}"

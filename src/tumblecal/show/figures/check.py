@@ -1,6 +1,7 @@
 """Figures of a check: size of gravity at each attitude, and detection limits."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,14 +10,14 @@ from matplotlib.figure import Figure
 from tumblecal.check.result import CheckResult
 from tumblecal.check.usual_changes import USUAL
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, dots, name_rows, new_panels
+from tumblecal.show.figures.drawing import BAND, INK, MUTED, OUTSIDE, Figures, dots, name_rows, new_panels
 
 
 # Names on the axis, at most.
 _MOST_NAMES = 17
 
 
-def check_figure(result: CheckResult, *parts: Callable[[Axes, CheckResult], None]) -> Figure:
+def check_figure(result: CheckResult, parts: Sequence[Callable[[Axes, CheckResult], None]]) -> Figure:
     """Parts of a check, `sizes` and `limits`, a panel each."""
     figure, panels = new_panels(2.6, 1, len(parts), 0.8 + 2.9 * len(parts))
     for panel, draw in zip(panels[0], parts, strict=True):
@@ -48,3 +49,10 @@ def limits(panel: Axes, result: CheckResult) -> None:
     name_rows(panel, SENSOR)
     panel.set(xscale="log", xlim=(0.01, 100))
     panel.set(xlabel="smallest detected change / usual change", title="usual: 1.5 mg, 0.5e-3, 2 mrad")
+
+
+FIGURES: Figures = {
+    "check": partial(check_figure, parts=(sizes, limits)),
+    "sizes": partial(check_figure, parts=(sizes,)),
+    "limits": partial(check_figure, parts=(limits,)),
+}

@@ -14,6 +14,7 @@ from tumblecal.show.figures.drawing import (
     INK,
     MUTED,
     Figures,
+    in_card,
     marks,
     new_panel,
     new_panels,
@@ -125,6 +126,8 @@ def order_figure(plan: DesignedPlan) -> Figure:
 
 
 FIGURES: Figures = {
+    "small": lambda plan: in_card(uncertainty_figure(plan), 2.3),
+    "small_in_use": lambda plan: in_card(in_use_figure(plan), 2.0),
     "sphere": sphere_figure,
     "uncertainties": uncertainty_figure,
     "in_use": in_use_figure,

@@ -176,6 +176,7 @@ def _by_direction(direction: np.ndarray) -> list[tuple]:
 
 
 FIGURES: Figures = {
+    "changes": small_figure,
     "parameters": parameter_figure,
     "residuals": residuals_figure,
     "hysteresis": hysteresis_figure,
