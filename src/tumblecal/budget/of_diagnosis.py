@@ -12,25 +12,30 @@ import numpy as np
 
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.columns import BUDGET_INPUTS, Input
-from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.positions import PositionSet
+from tumblecal.data.source_of import source_of
 from tumblecal.data.uncertainty_parts import UncertaintyParts, uncertainty_parts
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-def require_same_data(path: Path, calibration: Calibration, sha256: str | None, serial_number: str | None) -> None:
-    """Check that a calibration is from the budget's data.
+def diagnosis_of(folder: Path, data: PositionSet) -> tuple[Path, Calibration]:
+    """The calibration of a diagnosis (its file, or the folder that has it) of the budget's data.
 
     **Raises:** `InputError` if file digest or serial number differ.
     """
-    theirs = calibration.serial_number
-    if serial_number and theirs and serial_number != theirs:
+    path = folder / "calibration.json" if folder.is_dir() else folder
+    calibration = read_calibration(path)
+    theirs, sha256 = calibration.serial_number, source_of(data)["sha256"]
+    if data.serial_number and theirs and data.serial_number != theirs:
         raise InputError(
-            f"{path}: a diagnosis of unit {theirs}, but the data are of unit {serial_number}; diagnose the same file"
+            f"{path}: a diagnosis of unit {theirs}, but the data are of unit {data.serial_number}; diagnose the same file"
         )
     if sha256 and calibration.provenance.get("sha256") not in (None, sha256):
         raise InputError(f"{path}: a diagnosis of other data than the budget; diagnose the same file")
+    return path, calibration
 
 
 def of_diagnosis(

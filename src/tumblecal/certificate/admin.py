@@ -149,6 +149,20 @@ def read_admin(path: Path) -> Admin:
     return admin
 
 
+def require_unit(admin: Admin, source: Path, calibration: Calibration, folder: Path) -> None:
+    """Check that the unit is stated: by the laboratory (file `source`), the calibration (of `folder`), or both alike.
+
+    **Raises:** `InputError`.
+    """
+    serial, measured = admin.item.serial_number, calibration.serial_number
+    if not (measured or serial):
+        raise InputError(
+            f"{source}: no serial number. Add item.serial_number here, or `# serial_number: ...` to the data file"
+        )
+    if measured and serial and serial != measured:
+        raise InputError(f"{source}: item.serial_number is {serial}, but {folder} is of unit {measured}")
+
+
 def measured_elsewhen(performance: Performance, calibration: Calibration, named: str) -> str:
     """Words on data with a date outside begin to end; "" if the date is inside, or if none is stated.
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from tumblecal.capture.journal import sha256_of
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.position_comments import MEASURED
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -19,14 +20,18 @@ from tumblecal.recordings.thermal.attitudes import grouped
 _FEWEST, _LONG_S = 3, 60.0
 
 
-def provenance(found: Reduction, calibration: Path) -> dict[str, Any]:
-    """Files of a check with their SHA-256, and the date of the recording, if stated."""
-    recording = [
-        {"file": str(file), "sha256": sha256_of(file) if file.is_file() else None} for file in found.dwells.files
-    ]
+def provenance(found: Reduction, path: Path, calibration: Calibration) -> dict[str, Any]:
+    """Files of a check with their SHA-256, and the date of the recording, if stated; `path`: of the calibration.
+
+    **Raises:** `InputError` for a recording from which the calibration was made.
+    """
+    digests = {str(file): sha256_of(file) if file.is_file() else None for file in found.dwells.files}
+    made_from = calibration.provenance.get("sha256", "")
+    if used := [file for file, digest in digests.items() if digest == made_from]:
+        raise InputError(f"{used[0]}: {path} was made from this file; check it with a new recording")
     return {
-        "calibration": {"file": str(calibration), "sha256": sha256_of(calibration)},
-        "recording": recording,
+        "calibration": {"file": str(path), "sha256": sha256_of(path)},
+        "recording": [{"file": file, "sha256": digest} for file, digest in digests.items()],
         "measured_utc": found.data.comments.get(MEASURED),
     }
 

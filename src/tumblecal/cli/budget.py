@@ -67,22 +67,13 @@ def budget(
     command.begin()
     from tumblecal.budget.budget import budget_of
     from tumblecal.budget.budget_file import read_considered
-    from tumblecal.budget.of_diagnosis import of_diagnosis, require_same_data
+    from tumblecal.budget.of_diagnosis import diagnosis_of, of_diagnosis
     from tumblecal.cli.model_options import StatedModel
-    from tumblecal.data.calibration import read_calibration
     from tumblecal.data.not_applied import losses_words
-    from tumblecal.data.source_of import source_of
     from tumblecal.show.budget import budget_text, write_budget
     from tumblecal.show.calibration import words_of_calibration
 
-    if 0 < checking.monte_carlo < _FEWEST_TRIALS:
-        raise InputError(f"--monte-carlo {checking.monte_carlo}: at least {_FEWEST_TRIALS} trials")
-    planned = data.suffix == ".toml"
-    if planned and options.rig not in (None, data):
-        raise InputError(f"{data}: a rig file; give it without --rig, or give a position file with --rig")
-    if diagnosis is not None and (planned or checking.monte_carlo):
-        other = "a plan that is not measured" if planned else "--monte-carlo, which draws noise and inputs only"
-        raise InputError(f"--diagnosis cannot be combined with {other}; remove one of them")
+    planned = _is_planned(data, options, checking, diagnosis)
     model, notes = StatedModel.of(replace(options, rig=data) if planned else options), list[str]()
     if considered is None and not (model.rig and model.rig.considered):
         raise InputError(
@@ -104,29 +95,40 @@ def budget(
         made, checked = budget_of(fit, inputs, model.entries, file, level=checking.level), None
         more = list[str]()
         if diagnosis is not None:
-            path = diagnosis / "calibration.json" if diagnosis.is_dir() else diagnosis
-            calibration = read_calibration(path)
-            require_same_data(path, calibration, source_of(fit.data)["sha256"], fit.data.serial_number)
+            path, calibration = diagnosis_of(diagnosis, fit.data)
             made, more = of_diagnosis(made, path, calibration, model.entries, file)
-            use = f"use: {calibration.use.words}"
             more += losses_words(calibration.not_applied)
-            command.warn(diagnosis, [*more, use] if calibration.use.refused else more)
-            more.append(use)
+            use = [f"use: {calibration.use.words}"]
+            command.warn(diagnosis, more + use * calibration.use.refused)
+            more += use
         elif not planned:
-            more = [
-                f"Undetected effects are not included. To include them, run {suggested('diagnose', data)} and give its "
-                "folder to --diagnosis"
-            ]
+            without = "Undetected effects are not included. To include them, run"
+            more = [f"{without} {suggested('diagnose', data)} and give its folder to --diagnosis"]
         command.say(*more)
-        notes += more
         if checking.monte_carlo:
             from tumblecal.budget.monte_carlo import monte_carlo
 
             with command.working(f"{checking.monte_carlo} trials"):
                 checked = monte_carlo(made, checking.monte_carlo, checking.seed)
-        write_budget(aside, made, checked, notes)
+        write_budget(aside, made, checked, [*notes, *more])
     command.say(budget_text(made, checked))
     return command.end(out, _SET, "budget.json")
+
+
+def _is_planned(data: Path, options: ModelOptions, checking: BudgetOptions, diagnosis: Path | None) -> bool:
+    """Whether the budget is that of the plan of a rig, whose file is then the data.
+
+    **Raises:** `InputError` for options that contradict each other, and for too few trials.
+    """
+    planned = data.suffix == ".toml"
+    if 0 < checking.monte_carlo < _FEWEST_TRIALS:
+        raise InputError(f"--monte-carlo {checking.monte_carlo}: at least {_FEWEST_TRIALS} trials")
+    if planned and options.rig not in (None, data):
+        raise InputError(f"{data}: a rig file; give it without --rig, or give a position file with --rig")
+    if diagnosis is not None and (planned or checking.monte_carlo):
+        other = "a plan that is not measured" if planned else "--monte-carlo, which draws noise and inputs only"
+        raise InputError(f"--diagnosis cannot be combined with {other}; remove one of them")
+    return planned
 
 
 def _planned(model: "StatedModel") -> "Fit":

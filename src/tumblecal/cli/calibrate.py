@@ -68,7 +68,7 @@ def calibrate(
                 from tumblecal.show.page import write_page
 
                 drawn = write_each(aside, FIGURES, made)
-                write_page(aside / "calibration.html", words, {"overview": overview_figure} | drawn, made.exact)
+                write_page(aside / "calibration.html", words, {"overview": overview_figure, **drawn}, made.exact)
         add_to_history(more.history, folder, "calibration", made.exact.data.serial_number)
         command.warn(made.exact.data.source, words.lines("warnings"))
         row = calibration_row(file, made)

@@ -45,7 +45,7 @@ def certificate(
     use_anyway
         Certificate for a calibration with `use: no` or `not tested`; the certificate states so. Default: an error.
     """
-    from tumblecal.certificate.admin import item_elsewhere, measured_elsewhen, read_admin, read_limits
+    from tumblecal.certificate.admin import item_elsewhere, measured_elsewhen, read_admin, read_limits, require_unit
     from tumblecal.certificate.dcc import dcc_text
     from tumblecal.certificate.judged import head_covariance
     from tumblecal.certificate.results import VERDICTS, results_of
@@ -61,15 +61,8 @@ def certificate(
     source, sizes = read_limits(limits) if limits else ("", {})
     degc = sorted({*numbers("--temperatures", temperatures, "0,25,60")}) if temperatures is not None else ()
     certified = results_of(folder, budget, sizes, use_anyway=use_anyway, temperatures_degc=degc)
-    calibration, serial = certified.calibration, stated.item.serial_number
-    if not (calibration.serial_number or serial):
-        raise InputError(
-            f"{admin}: no serial number. Add item.serial_number here, or `# serial_number: ...` to the data file"
-        )
-    if {serial, calibration.serial_number} - {"", None} != {serial or calibration.serial_number}:
-        raise InputError(
-            f"{admin}: item.serial_number is {serial}, but {folder} is of unit {calibration.serial_number}"
-        )
+    calibration = certified.calibration
+    require_unit(stated, admin, calibration, folder)
     elsewhere = item_elsewhere(stated.conditions, calibration.temperature_degc)
     certified = replace(certified, reservation=f"{certified.reservation} {elsewhere}".strip())
     elsewhen = measured_elsewhen(stated.performance, calibration, str(folder / "calibration.json"))

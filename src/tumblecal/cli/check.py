@@ -1,8 +1,9 @@
 """`tumblecal check`: whether a calibration is still valid."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tumblecal.cli.command import Command, add_to_history, results, warn
 from tumblecal.cli.options import Priors, ResultOptions, RigFile, Texts, options, within
@@ -12,8 +13,11 @@ from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptio
 
 
 if TYPE_CHECKING:
-    from tumblecal.check.result import Model
+    from tumblecal.check.drift import ProcessNoise
+    from tumblecal.check.result import CheckResult, Model
+    from tumblecal.check.update import Update
     from tumblecal.recordings.reduction import Reduction
+    from tumblecal.show.words import Words
 
 _SET = ("check.json", "check.html")
 
@@ -54,6 +58,23 @@ class ConditionOptions:
     extrapolate: bool = False
     use_anyway: bool = False
 
+    def stated(self) -> dict[str, Any]:
+        """Noise, acceptable error and repeatability in base units, and extrapolation, as keyword arguments of a check.
+
+        **Raises:** `InputError` for a text that cannot be read.
+        """
+        from tumblecal.check.drift import by_parameter
+        from tumblecal.data.sensor_parameters import UNITS
+        from tumblecal.ground.option_texts import sd_of_reading, sizes
+
+        again = sizes("--repeatability ", self.repeatability, UNITS, "'bias=0.3 mg'", zero=True)
+        return {
+            "noise_sd": sd_of_reading("--noise-sd", self.noise_sd),
+            "largest_g": sd_of_reading("--largest-error", self.largest_error),
+            "repeatability": by_parameter(again),
+            "extrapolate": self.extrapolate,
+        }
+
 
 @options
 class UpdateOptions:
@@ -77,6 +98,47 @@ class UpdateOptions:
     free: Texts = ()
     drift: Texts = ()
     months: Annotated[float | None, within(gte=0, lt=1200)] = None
+
+    def rates(self, inputs: Sequence[Path | None]) -> dict[str, float]:
+        """The drifts of `--drift` per month in base units, once the file of the update can be written.
+
+        **Raises:** `InputError` for one that cannot be read, for an option without an update, and for a file that is an input
+        of the command or cannot be written.
+        """
+        from tumblecal.data.overwriting import protect_inputs
+        from tumblecal.data.sensor_parameters import UNITS
+        from tumblecal.ground.atomic import writable_file
+        from tumblecal.ground.option_texts import sizes
+
+        if self.update is not None:
+            protect_inputs(inputs, out=self.update)
+            writable_file(self.update)
+        elif self.free or self.drift:
+            raise InputError(f"--{'free' if self.free else 'drift'} is for an update; give --update updated.json")
+        drifts = [text.replace(" ", "").removesuffix("/month") for text in self.drift]
+        return sizes("--drift ", drifts, UNITS, "'bias=0.1 mg/month'", zero=True)
+
+    def updated(
+        self, result: "CheckResult", source: dict[str, Any], rates: Mapping[str, float], history: Path | None
+    ) -> "tuple[Update, ProcessNoise] | None":
+        """The updated calibration, and the process noise since the old one; None without an update.
+
+        **Arguments:**
+
+        - `source`: provenance of the check. `rates`: as from `rates`. `history`: of the unit.
+
+        **Raises:** `InputError` for a recording that contradicts the calibration, and for options that do not fit.
+        """
+        if self.update is None:
+            return None
+        from tumblecal.check.drift import process_noise
+        from tumblecal.check.update import freed_names, updated
+        from tumblecal.history.database import of_unit
+
+        data, serial = result.data, result.data.serial_number or result.calibration.serial_number
+        entries = of_unit(history, serial) if history is not None and serial else None
+        process = process_noise(result.calibration, data, rates, self.months, entries, str(history))
+        return updated(result.test, process, freed_names(self.free), source), process
 
 
 def check(
@@ -111,82 +173,42 @@ def check(
     """
     command.begin()
     from tumblecal.check.attitudes import provenance, still_attitudes
-    from tumblecal.check.drift import by_parameter, process_noise
     from tumblecal.check.gravity import local_size
-    from tumblecal.check.record import write_check
     from tumblecal.check.result import check as checked
-    from tumblecal.check.update import freed_names, updated
     from tumblecal.data.calibration import write_calibration
     from tumblecal.data.file_kinds import require_calibration_and_recording
-    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import read_checked
-    from tumblecal.data.sensor_parameters import UNITS
-    from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.gravity import gravity_of_option
-    from tumblecal.ground.option_texts import sd_of_reading, sizes
-    from tumblecal.history.database import of_unit, ready
+    from tumblecal.history.database import ready
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.show.check import words_of_check
     from tumblecal.show.verdict import verdict_lines
 
     require_calibration_and_recording(calibration, recording)
-    read, update = read_checked(calibration), updating.update
+    read, update, made, refused = read_checked(calibration), updating.update, None, None
     read.use.require(calibration, anyway=test.use_anyway)
     files = recording_files(recording, [context.table, context.plan])
     inputs = [calibration, *files, context.plan, context.table, test.rig, more.history]
-    if update is not None:
-        protect_inputs(inputs, out=update)
-        writable_file(update)
-    elif updating.free or updating.drift:
-        raise InputError(f"--{'free' if updating.free else 'drift'} is for an update; give --update updated.json")
-    noise_sd, largest_g = (
-        sd_of_reading("--noise-sd", test.noise_sd),
-        sd_of_reading("--largest-error", test.largest_error),
-    )
-    again = sizes("--repeatability ", test.repeatability, UNITS, "'bias=0.3 mg'", zero=True)
-    drifts = [text.replace(" ", "").removesuffix("/month") for text in updating.drift]
-    rates = sizes("--drift ", drifts, UNITS, "'bias=0.1 mg/month'", zero=True)
+    rates, stated = updating.rates(inputs), test.stated()
     if more.history is not None:
         ready(more.history)
-    made, refused = None, None
     with results(out, _SET, inputs) as aside:
         with command.working("reading"):
             found = still_attitudes(files, context, replace(options, gravity=""), criterion)
         command.print_recordings(found.dwells.read, found.dwells.warnings, _interval_lines(found))
-        source, serial = provenance(found, calibration), found.data.serial_number or read.serial_number
+        source, serial = provenance(found, calibration, read), found.data.serial_number or read.serial_number
         read.require_unit(calibration, found.data.source, serial, other=test.other_unit)
         local = gravity_of_option(options.gravity) if options.gravity else None
         gravity, data = local_size(read, found.data, local, test.u_gravity, str(calibration))
-        digests = {record["sha256"]: record["file"] for record in source["recording"]}
-        if used := digests.get(read.provenance.get("sha256", "")):
-            raise InputError(f"{used}: {calibration} was made from this file; check it with a new recording")
+        model = _model(test, data.hand_held, data.source)
         with command.working("testing"):
-            result = checked(
-                read,
-                calibration,
-                data,
-                model=_model(test, data.hand_held, data.source),
-                noise_sd=noise_sd,
-                gravity=gravity,
-                extrapolate=test.extrapolate,
-                largest_g=largest_g,
-                repeatability=by_parameter(again),
-            )
-            try:
-                if update is not None:
-                    entries = of_unit(more.history, serial) if more.history is not None and serial else None
-                    process = process_noise(read, data, rates, updating.months, entries, str(more.history))
-                    made = updated(result.test, process, freed_names(updating.free), source), process
-            except InputError as fault:
-                refused = fault
+            result = checked(read, calibration, data, model=model, gravity=gravity, **stated)
+        try:
+            made = updating.updated(result, source, rates, more.history)
+        except InputError as fault:
+            refused = fault
         words = words_of_check(result, [calibration, *found.dwells.files], made, update)
-        text = "\n".join(verdict_lines(words.verdict))
-        write_check(aside / "check.json", result, text, source, made[0] if made else None)
-        if more.figures is not False:
-            from tumblecal.show.figures.check import FIGURES
-            from tumblecal.show.page import write_page
-
-            write_page(aside / "check.html", words, FIGURES, result)
+        _write(aside, result, words, source, made and made[0], more)
     if made is not None and update is not None:
         write_calibration(update, made[0].calibration)
     add_to_history(more.history, out, "check", serial)
@@ -195,6 +217,25 @@ def check(
     if refused is not None:
         raise refused
     return code
+
+
+def _write(
+    folder: Path,
+    result: "CheckResult",
+    words: "Words",
+    source: dict[str, Any],
+    update: "Update | None",
+    more: ResultOptions,
+) -> None:
+    """Write the files of the check; `source`: its provenance."""
+    from tumblecal.check.record import write_check
+    from tumblecal.show.figures.check import FIGURES
+    from tumblecal.show.page import write_page
+    from tumblecal.show.verdict import verdict_lines
+
+    write_check(folder / "check.json", result, "\n".join(verdict_lines(words.verdict)), source, update)
+    if more.figures is not False:
+        write_page(folder / "check.html", words, FIGURES, result)
 
 
 def _interval_lines(found: "Reduction") -> list[str]:

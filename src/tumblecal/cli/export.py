@@ -1,6 +1,7 @@
 """`tumblecal export`: a calibration for devices and other programs."""
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -13,6 +14,8 @@ from tumblecal.ground.errors import InputError
 
 if TYPE_CHECKING:
     from tumblecal.data.calibration import Calibration
+    from tumblecal.devices import Export
+    from tumblecal.devices.target import Target
     from tumblecal.ground.gravity import Gravity
 
 Format = Literal[
@@ -67,12 +70,9 @@ def export(
         Export of a calibration with the judgement `use: no`. Default: an error.
     """
     from tumblecal import __version__
-    from tumblecal.data.calibration_terms import undetermined_words
-    from tumblecal.data.not_applied import use_lines
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import noise_of_reduction, read_checked
-    from tumblecal.data.sensor_parameters import SENSOR
-    from tumblecal.devices import TARGETS, Export, losses
+    from tumblecal.devices import TARGETS, Export
     from tumblecal.ground.atomic import writable_file, write_text
     from tumblecal.ground.option_texts import size
 
@@ -82,30 +82,17 @@ def export(
     whole.use.require(calibration, anyway=use_anyway)
     one_g = _one_g(calibration, whole, gravity)
     protect_inputs([calibration, noise], out=out)
-    measured, thermal = _measured(whole), "temperature_degc" in whole.columns_needed
-    span = measured if temperatures is None else _span(temperatures)
-    if at is not None and span is not None and not span[0] <= at <= span[1]:
-        raise InputError(f"--at {at:g}: outside the range of {span[0]:.4g} to {span[1]:.4g} degC; widen --temperatures")
+    span = _span(whole, temperatures, at)
     date, serial = whole.provenance.get("date_utc"), whole.serial_number
     of = f"{f'serial number {serial}, ' if serial else ''}{calibration.name}{f' of {date}' if date else ''}"
     header, noises = f"tumblecal {__version__}: calibration of {of}", noise_of_reduction(noise) if noise else ()
     run_s = None if run_time is None else size("--run-time", run_time, "s")
     bare = Export(target.carried(whole, span, at), one_g.value_ms2, (header,), span, noises, run_s, at, table_step)
-    notes = [f"lost: {loss}" for loss in losses(target, bare, whole, target.write(bare))]
-    notes = [*(notes or ["nothing of this calibration is lost"]), undetermined_words(whole.terms), *use_lines(whole)]
-    if span and measured and thermal and (span[0] < measured[0] or span[1] > measured[1]):
-        notes.append(
-            f"the data cover {measured[0]:.4g} to {measured[1]:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the "
-            "dependence on temperature is extrapolated"
-        )
-    notes += target.notes
-    if undetermined := whole.sensor.of(SENSOR).undetermined_words:
-        notes.append(f"the data did not determine {undetermined}")
+    notes = [*_notes(whole, target, bare)]
     if gravity is not None and whole.gravity:
         notes.append(f"one g is {one_g}, as in the calibration")
     if one_g.assumed and to not in ("c-header", "csv"):
         notes.append(f"one g is {one_g}: {'calibrate again' if whole.gravity else 'state it'} with --gravity")
-    notes = [note for note in notes if note]
     text = target.write(replace(bare, header=(header, target.words, *notes)))
     if out is None:
         print(text, end="")
@@ -114,18 +101,39 @@ def export(
         write_text(out, text)
         print(f"{out}: {target.words}")
     # The content without an option is written to see whether the option has an effect.
-    given = {
+    without = {
         "gravity": (gravity, replace(bare, gravity_ms2=one_g.value_ms2 * 1.001)),
         "temperatures": (temperatures, replace(bare, temperatures_degc=None)),
         "noise": (noise, replace(bare, noise=())),
         "table-step": (table_step, replace(bare, table_step_degc=None)),
         "run-time": (run_time, bare if not any(term.per_hour for term in whole.terms) else None),
-        "at": (at, None if thermal else bare),
+        "at": (at, None if "temperature_degc" in whole.columns_needed else bare),
     }
-    for name, (value, without) in given.items():
-        if value is not None and without is not None and target.write(without) == target.write(bare):
+    for name, (value, other) in without.items():
+        if value is not None and other is not None and target.write(other) == target.write(bare):
             notes.append(f"--{name} {value}: no effect on the export of this calibration to {to}")
     print("\n".join(notes), file=sys.stderr if out is None else sys.stdout)
+
+
+def _notes(whole: "Calibration", target: "Target", bare: "Export") -> Iterator[str]:
+    """Losses of the format, use of the calibration, and limits of both."""
+    from tumblecal.data.calibration_terms import undetermined_words
+    from tumblecal.data.not_applied import use_lines
+    from tumblecal.data.sensor_parameters import SENSOR
+    from tumblecal.devices import losses
+
+    lost = [f"lost: {loss}" for loss in losses(target, bare, whole, target.write(bare))]
+    yield from lost or ["nothing of this calibration is lost"]
+    yield from filter(None, [undetermined_words(whole.terms), *use_lines(whole)])
+    span, measured = bare.temperatures_degc, _measured(whole)
+    if span and measured and (span[0] < measured[0] or span[1] > measured[1]):
+        yield (
+            f"the data cover {measured[0]:.4g} to {measured[1]:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the "
+            "dependence on temperature is extrapolated"
+        )
+    yield from filter(None, target.notes)
+    if undetermined := whole.sensor.of(SENSOR).undetermined_words:
+        yield f"the data did not determine {undetermined}"
 
 
 def _measured(whole: "Calibration") -> tuple[float, float] | None:
@@ -152,14 +160,19 @@ def _one_g(path: Path, whole: "Calibration", gravity: str | None) -> "Gravity":
     return calibrated or stated or STANDARD
 
 
-def _span(text: str) -> tuple[float, float]:
-    """The range of `--temperatures`, degC.
+def _span(whole: "Calibration", temperatures: str | None, at: float | None) -> tuple[float, float] | None:
+    """The range of `--temperatures`, degC, otherwise that of the data.
 
-    **Raises:** `InputError` for a text that is not a range.
+    **Raises:** `InputError` for a text that is not a range, and if `--at` is outside.
     """
     from tumblecal.ground.option_texts import numbers
 
-    low, *high = numbers("--temperatures", text, "0:60", ":")
-    if len(high) != 1 or not -100 <= low < high[0] <= 200:
-        raise InputError(f"--temperatures {text}: write LOW:HIGH in degC, such as 0:60")
-    return low, high[0]
+    span = _measured(whole)
+    if temperatures is not None:
+        low, *high = numbers("--temperatures", temperatures, "0:60", ":")
+        if len(high) != 1 or not -100 <= low < high[0] <= 200:
+            raise InputError(f"--temperatures {temperatures}: write LOW:HIGH in degC, such as 0:60")
+        span = low, high[0]
+    if at is not None and span is not None and not span[0] <= at <= span[1]:
+        raise InputError(f"--at {at:g}: outside the range of {span[0]:.4g} to {span[1]:.4g} degC; widen --temperatures")
+    return span

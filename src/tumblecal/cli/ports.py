@@ -14,4 +14,4 @@ def ports() -> None:
         words = (device.description, ids, device.serial_number, holder_of(Path(device.url)))
         rows.append([device.url, *(text or "" for text in words)])
     header = ("port", "device", "USB id", "serial number", "in use by")
-    print(Table(header, rows, text=range(5)) if rows else "no serial device found; check its cable")
+    print(Table(header, rows) if rows else "no serial device found; check its cable")

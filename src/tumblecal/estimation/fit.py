@@ -274,7 +274,7 @@ class Fit(Pickled, Shown):
 
         **Raises:** `InputError` for a fit that did not converge, or that does not estimate one sensor for all data.
         """
-        function_named("show.notebook.save_fit")(Path(path), self)
+        function_named("lab.record.save_fit")(Path(path), self)
 
     def screen(self) -> Screen:
         """Parameters and quality of the fit."""

@@ -116,7 +116,7 @@ class Calibrated(Pickled, Shown):
 
     def save(self, path: Path | str) -> None:
         """Write `calibration.json` of the exact fit, as `Fit.save`, with the permitted use."""
-        function_named("show.notebook.save_calibrated")(Path(path), self)
+        function_named("lab.record.save_fit")(Path(path), self.exact, self.entries, self.use)
 
     def screen(self) -> Screen:
         """Permitted use with reasons, parameters, and the other methods."""

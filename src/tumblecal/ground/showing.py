@@ -28,7 +28,7 @@ def find_drawings_by(find: Callable[[str], Callable[..., Any]]) -> None:
 
 
 def function_named(name: str) -> Callable[..., Any]:
-    """A function of a later room that draws, describes or saves a result, by its path, such as `show.notebook.save_fit`."""
+    """A function of a later room that draws, describes or saves a result, by its path, such as `lab.record.save_fit`."""
     return _finders[-1](name)
 
 

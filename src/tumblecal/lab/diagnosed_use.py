@@ -1,10 +1,11 @@
 """Whether the calibration of a diagnosis may be used, and why none is written."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.calibration_use import Use, combined
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
@@ -20,6 +21,16 @@ from tumblecal.lab.sensor_terms import SensorTerms, lacking_words
 
 # Held-out predictions are worse if their error increases by more than this many standard errors.
 _WORSE_SD = 2.0
+
+
+def save_extended(path: Path, diagnosis: Diagnosis) -> None:
+    """Write the `calibration.json` of the extended model.
+
+    **Raises:** `InputError` if there is none, with the reason.
+    """
+    if diagnosis.calibration is None:
+        raise InputError(f"{diagnosis.data.source}: no calibration to save: {not_written(diagnosis)}")
+    write_calibration(path, diagnosis.calibration)
 
 
 def not_written(diagnosis: Diagnosis) -> str:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from tumblecal.chain import followings_of
 from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration_use import Use
 from tumblecal.data.source_of import source_of
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.curves_of_fit import reported
@@ -18,7 +19,9 @@ from tumblecal.estimation.intrinsic import intrinsic, one_sensor
 from tumblecal.estimation.linear_calibration import linear_calibration
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import turns_of
+from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.atomic import write_text
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import record_of
 from tumblecal.ground.json_file import json_text
 from tumblecal.lab.sensor_terms import terms_of_chain
@@ -52,6 +55,18 @@ def write_calibrated(folder: Path, calibrated: Calibrated, stated: Mapping[str, 
         replace(calibration, provenance=calibration.provenance | provenance, use=calibrated.use),
     )
     return ["result.json", "calibration.json"]
+
+
+def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | None = None) -> None:
+    """Write a fit's `calibration.json`; `entries`: as of `calibration_of`; `use`: by default judged from this fit alone.
+
+    **Raises:** `InputError` for a fit that did not converge, or of more or less than one sensor.
+    """
+    if not fit.code.good or not one_sensor(fit):
+        why = fit.message if not fit.code.good else "dK, bias and gamma are not one for all data, or all are fixed"
+        raise InputError(f"{fit.data.source}: no calibration to save: {why}")
+    use = use or Calibrated({"exact": fit}, {}, implausible(fit)).use
+    write_calibration(path, replace(calibration_of(fit, entries), use=use))
 
 
 def result_content(calibrated: Calibrated) -> dict[str, Any]:

@@ -79,7 +79,8 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
 
 def calibration_text(words: Words, width: int = WIDTH) -> str:
     """The parameters and the verdict for a terminal."""
-    lines = [line for part in words.table("parameters").parts(width) for lines in part for line in lines]
+    table = words.table("parameters")
+    lines = [line for part in table.parts(width) for lines in part for line in lines] if table else []
     return "\n".join([*lines, "", *verdict_lines(words.verdict, width)])
 
 

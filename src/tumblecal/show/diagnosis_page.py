@@ -40,7 +40,7 @@ def write_diagnosis_page(
         parameters=list(_parameters(diagnosis)),
     )
     cards = {f"card_{number}": draw for number, draw in card_figures(diagnosis, signals).items()}
-    return write_page(path, words, cards | drawn, verdict=verdict)
+    return write_page(path, words, {**cards, **drawn}, verdict=verdict)
 
 
 def _parameters(diagnosis: Diagnosis) -> Iterator[tuple]:

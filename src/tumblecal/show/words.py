@@ -83,7 +83,10 @@ class Words:
         """
         questions = ([*cells, "", ""][:3] for cells in self.blocks.get("unresolved", ()))
         return Verdict(
-            *map(self.text, ("badge", "headline", "source", "use")),
+            self.text("badge"),
+            self.text("headline"),
+            self.text("source"),
+            self.text("use"),
             tuple(Finding(*cells[:3]) for cells in self.blocks.get("found", ())),
             tuple(Unresolved(words, reason, tuple(map(int, about.split()))) for words, reason, about in questions),
             tuple(self.lines("evidence")),

@@ -9,23 +9,13 @@ from tumblecal.budget.budget import Budget
 from tumblecal.show.figures.drawing import COLOURS, MUTED, new_rows, with_legend
 
 
-TYPE_A = "noise (type A)"
-
-
-def contributions_of(budget: Budget) -> list[str]:
-    """Names of the contributions: the noise, parts of a diagnosis, the inputs."""
-    return [TYPE_A, *budget.labels]
-
-
 def shares_figure(budget: Budget) -> Figure:
     """Share of each contribution in the variance of each parameter."""
     shown = budget.fit.shared
-    shares = 100 * (np.vstack([budget.type_a, budget.sizes]) / budget.combined)[:, shown] ** 2
+    shares = 100 * (np.vstack([budget.type_a, budget.sizes])[:, shown] / budget.combined[shown]) ** 2
     figure, panel = new_rows([budget.names[j] for j in shown], 0.24, "share of the variance / %")
     ends = np.cumsum(shares, axis=0)
-    for label, share, end, colour in zip(
-        contributions_of(budget), shares, ends, cycle((MUTED, *COLOURS)), strict=False
-    ):
+    for label, share, end, colour in zip(budget.sources, shares, ends, cycle((MUTED, *COLOURS)), strict=False):
         panel.barh(range(len(shown)), share, left=end - share, label=label, color=colour, height=0.7)
     panel.set_xlim(0, 100)
     return with_legend(figure, 1, "outside right center")
