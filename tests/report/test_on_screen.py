@@ -1,5 +1,6 @@
 """What Python and a notebook show of a result: one screen, a table of its numbers, and a figure."""
 
+from dataclasses import replace
 from html import escape
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from tumblecal.estimation import default_chain, exact, problem_of
 from tumblecal.estimation.methods import all_methods
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen, brief, drawn_by
+from tumblecal.show.figures.calibration import FIGURES
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +49,12 @@ def test_tables_are_the_numbers_of_the_fit(results):
 @pytest.mark.parametrize("name", ["residuals", "columns", "harmonics", "explanations", "predictive", "limits"])
 def test_figures_of_a_diagnosis_are_matplotlib_s(results, name):
     assert isinstance(getattr(results["diagnosis"], f"plot_{name}")(), Figure)
+
+
+def test_methods_are_drawn_with_the_exact_fit_alone(results):
+    alone = replace(results["calibrated"], fits={"exact": results["exact"]})
+    assert isinstance(alone.plot_methods(), Figure) and isinstance(results["calibrated"].plot_methods(), Figure)
+    assert FIGURES["methods.svg"](alone) is None  # a page has it if there is something to compare
 
 
 def test_what_is_saved_is_what_is_read(results, tmp_path, table1):

@@ -25,9 +25,14 @@ class Table:
 
     @cached_property
     def text(self) -> set[int]:
-        """Columns of words, in most of whose cells there is no number: left-aligned; on a page they may break into lines."""
+        """Columns of words, in most of whose cells there is no number, and all without header: left-aligned; on a page they may
+        break into lines."""
         columns = [[cell for cell in cells if cell not in _NONE] for cells in zip(*self.rows, strict=True)]
-        return {k for k, cells in enumerate(columns) if len(cells) > 2 * sum(map(bool, map(_NUMBER.match, cells)))}
+        return {
+            k
+            for k, cells in enumerate(columns)
+            if not any(self.header) or len(cells) > 2 * sum(map(bool, map(_NUMBER.match, cells)))
+        }
 
     def __str__(self) -> str:
         return "\n".join(line for lines in self.parts() for part in lines for line in part)

@@ -48,15 +48,13 @@ def _noise(fit: Fit) -> tuple[str, float]:
     return ("stated noise", float(np.median(fit.problem.sd))) if stated else ("residuals", fit.sigma)
 
 
-def methods_figure(calibrated: Calibrated) -> Figure | None:
-    """Difference of every method from the exact fit for every parameter, in standard uncertainties; None without methods."""
+def methods_figure(calibrated: Calibrated) -> Figure:
+    """Difference of every method from the exact fit for every parameter, in standard uncertainties."""
     exact, others = calibrated.exact, {name: fit for name, fit in calibrated.fits.items() if name != "exact"}
-    if not others:
-        return None
     figure, panel = new_rows(exact.names, 0.24, "difference from the exact fit / u")
     for place, colour, words in ((0, OUTSIDE, "exact"), (-1, MUTED, "1 u"), (1, MUTED, "1 u")):
         panel.axvline(place, color=colour, label=words)
-    farthest = 1e-6
+    farthest = 1e-6 if others else 1.0
     for name, fit in others.items():
         values = [fit.value(parameter) if parameter in fit.names else np.nan for parameter in exact.names]
         shift = (values - exact.values) / exact.sd
@@ -80,5 +78,5 @@ def overview_figure(fit: Fit) -> Figure:
 
 FIGURES: Figures = {
     "residuals.svg": lambda calibrated: residuals_figure(calibrated.exact),
-    "methods.svg": methods_figure,
+    "methods.svg": lambda calibrated: methods_figure(calibrated) if len(calibrated.fits) > 1 else None,
 }

@@ -171,6 +171,7 @@ def card_figures(diagnosis: Diagnosis, signals: Mapping[int, FindingSignal]) -> 
 def small_figure(signal: FindingSignal) -> Figure:
     """For a card: residuals without the cause, and its curve."""
     figure, panel = new_panel(1.55, CARD, xlabel=signal.variable, ylabel=f"{AXES[signal.axis]} residual / mg")
+    panel.locator_params(axis="x", nbins=6)
     panel.axhline(0, color=INK, lw=0.6)
     _residuals(panel, signal)
     return figure
