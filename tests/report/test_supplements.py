@@ -41,7 +41,7 @@ def test_a_broken_figure_and_card_are_a_line_each(tumblecal, tmp_path, table1_fi
     assert done.returncode == 0, done.stderr
     lines = done.stderr.splitlines()
     assert [line.split(" is ")[0] for line in lines] == [
-        f"WARNING: {out}/{name}" for name in ("methods.svg", "calibration.html/card 1")
+        f"WARNING: {out}/{name}" for name in ("methods.svg", "calibration.html/card 0")
     ]
     assert all("ValueError: zero-size array" in line and line.endswith("; the results are complete") for line in lines)
     without = tumblecal(*arguments, "--out", bare, "--no-figures")

@@ -69,7 +69,7 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert "study.inject.second_order.y, mg/g^2" in figures["sweep.svg"]
     page = tmp_path / "sweep.html"
     write_page(page, answer.words, figures, tables={"results": answer.table})
-    assert "study.inject.second_order.y: 0, 1.0 mg/g²" in page.read_text()
+    assert "study.inject.second_order.y&#34; = [0.0, 1.0]" in page.read_text()
     assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
 
 

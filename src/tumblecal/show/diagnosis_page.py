@@ -35,7 +35,6 @@ def write_diagnosis_page(
         pitch_settings=len(np.unique(data.pitch_setting_deg)),
         mountings_measured=len({*(data.mount or "1")}),
         values=[] if diagnosis.calibration is None else fit_words(diagnosis.in_use.as_fit).lines("values"),
-        drawn=drawn,
         signals={number: signal.label for number, signal in signals.items()},
         parameters=list(_parameters(diagnosis)),
     )

@@ -42,7 +42,7 @@ class PageFigure:
     """A figure: its SVG text and its caption; `on_paper`: whether it is printed (not if a table has the same content)."""
 
     svg: str
-    caption: str
+    caption: str = ""
     on_paper: bool = True
 
 
@@ -100,9 +100,9 @@ def write_page(
     Blocks of the words: `title` and `lead`; those of the verdict; `tone`, its colour (good, named, open or bad), if it does not
     follow from the badge; `values`, results on the first screen; the fourth cell of an entry of `found` and the block `picture`
     (of a verdict without a finding) are the names of the figures on cards; blocks `next ...` are tables of the next steps,
-    folded. Sections follow in their order, with `[table NAME]`, `[list NAME]` (a table without header), `[code NAME]` and
-    `[figure NAME] | caption` as entries (`[table NAME] | folded`; `[screen NAME]`: a figure that is not printed). A section
-    without any content is omitted, as is a table or figure that does not exist.
+    folded. Sections follow in their order, with `[table NAME]` (`| folded`), `[list NAME]` (a table without header), `[code
+    NAME]` and `[figure NAME] | caption` as entries (`[screen NAME]`: a figure that is not printed). A section without any
+    content is omitted, as is a table or figure that does not exist.
 
     **Arguments:**
 

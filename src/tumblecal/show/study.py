@@ -1,6 +1,6 @@
 """The answer of a study: its words, its table, and the terminal."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from rich.console import Console
 
-from tumblecal import __version__
+from tumblecal.ground.strict_toml import toml_lines
 from tumblecal.ground.units import in_words, shown
 from tumblecal.show.narrow import print_table, print_words
 from tumblecal.show.tables import Table
@@ -47,7 +47,8 @@ class Answer:
             tone=self.tone,
             content=self.content,
             frames=self.frames,
-            settings=list(_settings(self.content)),
+            settings=toml_lines({"study": self.content["study"], "rig": self.content["rig"]}),
+            now=datetime.now(UTC),
             **self.values,
         )
 
@@ -176,21 +177,3 @@ def _power(content: Mapping[str, Any], frames: Frames) -> _Found:
 
 
 _ANSWERS = dict(coverage=_coverage, sweep=_sweep, convergence=_convergence, linearization=_linearization, power=_power)
-
-
-def _settings(content: Mapping[str, Any]) -> Iterator[list[str]]:
-    """Keys of the study and of the rig, a row each, then date and program."""
-    for table in ("study", "rig"):
-        for key, value in content[table].items():
-            yield [f"{table}.{key}", _value_words(value, content.get("units", {}), f"{table}.{key}")]
-    yield ["date (UTC)", datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S")]
-    yield ["program", f"tumblecal {__version__}"]
-
-
-def _value_words(value: object, units: Mapping[str, str], path: str) -> str:
-    """The value at a dotted path with its unit from `units`; the keys of a grid are dotted paths themselves."""
-    if isinstance(value, Mapping):
-        return "; ".join(f"{key}: {_value_words(part, units, f'{path}.{key}')}" for key, part in value.items())
-    text = ", ".join(_value_words(part, units, "") for part in value) if isinstance(value, list | tuple) else str(value)
-    unit = units.get(path.removeprefix("study.grid."))
-    return f"{text} {unit}" if unit else text

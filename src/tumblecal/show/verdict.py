@@ -103,7 +103,7 @@ def verdict_lines(verdict: Verdict, width: int = WIDTH) -> list[str]:
     below the rule, whole, the same ones at every width.
     """
     blocks: dict[str, Sequence[str]] = {
-        "FOUND": [f"{number}. {one}" for number, one in enumerate(_aligned(verdict.found), 1)],
+        "FOUND": [f"{number}. {one.sentence}" for number, one in enumerate(verdict.found, 1)],
         "UNRESOLVED": [one.sentence for one in verdict.unresolved],
         "EVIDENCE": verdict.evidence,
         "NEXT": verdict.next,
@@ -127,19 +127,6 @@ def verdict_lines(verdict: Verdict, width: int = WIDTH) -> list[str]:
     named = [("" if name == last else name, text) for last, (name, text) in zip(before, below, strict=False)]
     details = [line for name, text in named for line in _detail(name, text, width)]
     return [*lines, "-" * width, *details] if details else lines
-
-
-def _aligned(found: Sequence[Finding]) -> list[str]:
-    """Words, sizes and ids in columns, where they fit in a line; otherwise one after the other."""
-    widths = [max((len(cell) for cell in column), default=0) for column in zip(*map(_cells, found), strict=True)]
-    if sum(widths) + 4 + 3 > WIDTH - _INDENT:
-        return [one.sentence for one in found]
-    rows = ([cell.ljust(width) for cell, width in zip(_cells(one), widths, strict=True) if width] for one in found)
-    return ["  ".join(row).rstrip() for row in rows]
-
-
-def _cells(found: Finding) -> tuple[str, str, str]:
-    return found.words, found.size, found.id
 
 
 def _fitting(entries: Sequence[str], most: int) -> tuple[list[str], list[str]]:
