@@ -60,7 +60,9 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
     cells = Cells()
     cells.feed(page.read_text(encoding="utf-8"))
     files = {row[0] for row in cells.rows}
-    assert {"linearization.json", "linearization_biases.parquet", "study.seed"} <= files
+    assert {"linearization.json", "linearization_biases.parquet"} <= files and "seed = " in page.read_text(
+        encoding="utf-8"
+    )
     assert "<b>Plan" not in page.read_text(encoding="utf-8")
 
 

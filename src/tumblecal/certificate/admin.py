@@ -150,7 +150,7 @@ def read_admin(path: Path) -> Admin:
 
 
 def require_unit(admin: Admin, source: Path, calibration: Calibration, folder: Path) -> None:
-    """Check that the unit is stated: by the laboratory (file `source`), the calibration (of `folder`), or both alike.
+    """Check that the unit is stated: by the laboratory (file `source`), the calibration (of `folder`), or both with one number.
 
     **Raises:** `InputError`.
     """
