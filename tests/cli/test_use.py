@@ -41,7 +41,7 @@ def test_calibrate_ends_with_code_3_and_reports_every_judgement(tumblecal, tmp_p
     data, words = exchanged
     outcome = tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "c", "--history", tmp_path / "lab.db")
     said = " ".join(outcome.out.split())
-    assert outcome.code == 3 and "DO NOT USE" in said and f"1. The readings of {words}" in said
+    assert outcome.code == 3 and "DO NOT USE" in said and f"The readings of {words}" in said.partition("USE")[2]
     content = json.loads((tmp_path / "c" / "result.json").read_text())
     use = json.loads((tmp_path / "c" / "calibration.json").read_text())["use"]
     assert content["use"] == use and use["answer"] == "no" and words in use["reason"]
