@@ -98,8 +98,8 @@ def parsed(column: str) -> Name:
         written = "g"
     if quantity == "time" and not written:  # seconds_elapsed, timestamp_ms
         written = next((unit[1] for word in stem if (unit := unit_of(word)) and unit[0] == "time"), "")
-    if quantity == "temperature" and unit == ("temperature", ""):
-        quantity = "other"  # in kelvin or Fahrenheit
+    if (quantity == "temperature" and unit == ("temperature", "")) or (quantity in _TRIADS and unit and unit[0] == "time"):
+        quantity = "other"  # in kelvin or Fahrenheit, or a duration or a minimum
     known = {quantity, "plain"}
     foreign = sum(not {*_meanings(word)} & known for word in stem)
     return Name(quantity, axis, written, max(states - {""} or {""}, key=STATES.index), tuple(stem), foreign)
@@ -112,7 +112,7 @@ def _words(column: str) -> tuple[list[str], tuple[str, str] | None]:
         if unit := unit_of(bracket[1] or bracket[2] or ""):
             units.append(unit)
             text = text.replace(bracket[0], " ")
-    words = [word for part in re.findall(r"\d+|[^\W\d_]+", text) for word in _split(part)]
+    words = [word for part in re.findall(r"\d+[munμ]s(?![^\W_])|\d+|[^\W\d_]+", text) for word in _split(part)]
     if units:
         return words, units[0]
     for end in (len(words), len(words) - 1):
@@ -124,15 +124,16 @@ def _words(column: str) -> tuple[list[str], tuple[str, str] | None]:
             if unit[0] == "orientation" and "rate" in known:
                 unit = ("rate", "dps" if unit[1] else "rads")  # gyro_rad[0]: radians a second
             of_letter = (words[start:end], others) == (["s"], ["t"]) or (words[start] == "g" and "a" in others)
-            if len("".join(words[start:end])) > 1 or unit[0] in known or of_letter:
+            # `min` is also a minimum.
+            if (len("".join(words[start:end])) > 1 and words[start] != "min") or unit[0] in known or of_letter:
                 return others, unit
     return words, None
 
 
 def _split(part: str) -> list[str]:
     """The words of a string of letters: known words that together form it, otherwise by capital letters."""
-    if part.isdecimal():
-        return [part]
+    if part[0].isdecimal():
+        return [part]  # an index, or a unit such as 10us
     if whole := _known(part.lower()):
         return whole
     words = []

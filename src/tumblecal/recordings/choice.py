@@ -38,8 +38,13 @@ class Triple:
 
     @property
     def with_gravity(self) -> bool:
-        """Whether the readings may have the size of gravity, with offsets and noise."""
-        return self.changes > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
+        """Whether the readings may have the size of gravity, with offsets and noise: in m/s^2 for a linear acceleration (ROS).
+
+        A name that does not state an acceleration with gravity needs a rest at which the readings have this size."""
+        linear = self.name.state == "linear"
+        stated = self.name.quantity == "acceleration" and not linear
+        size = may_be_gravity(self.size, self.name.unit or "ms2" * linear)
+        return self.changes > _LEAST_NOISE and size and (stated or np.isfinite(self.dispersion))
 
     def option(self, columns: Sequence[str], more: str = "") -> str:
         """The option that selects it among all columns of a table, by number if a name needs quotation marks."""
@@ -90,7 +95,9 @@ def chosen(
     triples = triples_of(free, readings)
     named = [one for one in triples if one.name.quantity == "acceleration"]
     axes_only = [one for one in triples if one.name.quantity in ("", "letter")]
-    body = [one for one in named or axes_only if one.with_gravity and one.name.state not in ("free", "world")]
+    # A letter g is a rate or a multiple of g.
+    plain = [one for one in axes_only if one.name.stem != ("g",)]
+    body = [one for one in named or plain if one.with_gravity and one.name.state not in ("free", "world")]
     if len(named) == 1 and named[0].name.state in ("raw", "", "processed"):
         # Readings far from the size of gravity may be of any unit, but not without gravity.
         body = body if named[0].size < _LEAST_GRAVITY * PER_G.get(named[0].name.unit, 1.0) else named
@@ -98,7 +105,7 @@ def chosen(
     body = [one for one in body if one.name.state != "linear"] or body
     several = len({one.name.sensor for one in body}) > 1 or (not named and len(body) > 1)
     if several or not body:
-        found, more = body or named or axes_only, ""
+        found, more = body or [one for one in axes_only if one.with_gravity] + named or axes_only, ""
         words = f"name the accelerations among the columns {shown(', '.join(columns))}"
         if several:
             words = f"{len(body)} triples of columns with the size of gravity; choose one"
@@ -121,7 +128,7 @@ def chosen(
     elif not named:
         notes.append(f"accelerations: {', '.join(force.columns)}, axes by their names; to override: {COLUMNS_OPTION}")
     rates = [one for one in triples if one.name.quantity == "rate"] or [
-        one for one in triples if one.name.quantity == "letter" and one.name.stem[:1] == ("g",) and one is not force
+        one for one in axes_only if (*one.name.stem[:1], *force.name.stem[:1]) == ("g", "a")
     ]
     # The rates with most words in common with the accelerations, the least processed.
     rates.sort(key=lambda one: (-len({*one.name.stem} & {*force.name.stem}), STATES.index(one.name.state)))

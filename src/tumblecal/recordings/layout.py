@@ -72,7 +72,7 @@ def layout_of(
     fractions = (values != np.round(values)) & np.isfinite(values)
     columns, per_g = with_units(table, columns, options, notes, sizes, path, whole=not fractions.any())
     if "time" in columns:
-        clock = clock_with_unit(table, first, columns["time"], options, path, notes)
+        clock = clock_with_unit(table, first, columns["time"], free(), options, path, notes)
         columns = {role: column for role, column in {**columns, "time": clock}.items() if column is not None}
     return Layout(columns, per_g, sizes[0], tuple(notes))
 

@@ -31,6 +31,8 @@ _LARGEST_RATIO, _LARGEST_RATIO_WITHOUT_BIAS = 1.3, 1.15
 # Size of readings with offsets to 0.6 g, relative to gravity.
 _SMALLEST, _LARGEST = 0.35, 1.9
 _FEWEST_ATTITUDES, _MOST_DISPERSION, _LARGEST_OFFSET = 6, 0.05, 0.8
+# Spread of a rest, and changes of lengths that need one, relative to the usual length.
+_REST, _MOST_CHANGES = 0.1, 0.4
 _WINDOWS, _FEWEST_ROWS, _MOST_ROWS = 2000, 12, 60
 # Bits of numbers, and relative distances of lengths from the usual one that are near it and far from it.
 _BITS, _NEAR, _FAR = (8, 10, 12, 14, 16, 18, 20, 24, 32), 0.7, 3.0
@@ -75,7 +77,7 @@ def with_units(
     size, changes, dispersion = sizes
     unit, per_g, why = _stated(columns, FORCE, options.unit, "--unit", path)
     if why == "name" and unit in ("", "counts"):
-        near = unit_by_size(size, without_bias=dispersion < changes, whole=whole)
+        near = unit_by_size(size, without_bias=dispersion < changes, whole=whole) if np.isfinite(dispersion) else ""
         if "a" in table.per_unit and not options.scale:
             per_g, why = table.per_unit["a"], "format"
         elif unit and "counts_per_g" in table.stated:
@@ -163,7 +165,7 @@ def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
 
 def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
     """The size of gravity in readings (n, 3), the largest relative change of nine tenths of the lengths, and the relative
-    dispersion of the lengths about a bias.
+    dispersion of the lengths about a bias: infinite if they show no gravity, because they change and never rest.
 
     The size is the radius of the sphere through the means at rest if there is one, because a bias changes the median length;
     |m|^2 = 2 b.m + r^2 - |b|^2 is linear in the bias b.
@@ -188,7 +190,7 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
         if (np.linalg.norm(means - mean, axis=1) > 0.1 * usual).all():
             means = np.vstack([means, mean])
     # A sensor that moves all the time has no means at rest.
-    if len(means) >= _FEWEST_ATTITUDES and most < 0.1 * usual:
+    if len(means) >= _FEWEST_ATTITUDES and most < _REST * usual:
         matrix = np.column_stack([2 * means / usual, np.ones(len(means))])
         found, _, rank, _ = np.linalg.lstsq(matrix, ((means / usual) ** 2).sum(1), rcond=1e-6)
         radii = np.linalg.norm(means / usual - found[:3], axis=1)
@@ -196,4 +198,4 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
         near = dispersion < _MOST_DISPERSION and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all()
         if rank == len(found) and near:
             return radius * usual, changes, dispersion
-    return usual, changes, changes
+    return usual, changes, changes if most < _REST * usual or changes < _MOST_CHANGES else np.inf
