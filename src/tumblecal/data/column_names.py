@@ -123,7 +123,7 @@ def _words(column: str) -> tuple[list[str], tuple[str, str] | None]:
             known = {kind for word in others for kind in _meanings(word)}
             if unit[0] == "orientation" and "rate" in known:
                 unit = ("rate", "dps" if unit[1] else "rads")  # gyro_rad[0]: radians a second
-            of_letter = (words[start:end], others) == (["s"], ["t"]) or (words[start] == "g" and "a" in others)
+            of_letter = (words[start:end], others) == (["s"], ["t"]) or (words[start] == "g" and ("a" in others or others[0] in "xyz"))
             # `min` is also a minimum.
             if (len("".join(words[start:end])) > 1 and words[start] != "min") or unit[0] in known or of_letter:
                 return others, unit

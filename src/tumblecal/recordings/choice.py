@@ -96,7 +96,7 @@ def chosen(
     named = [one for one in triples if one.name.quantity == "acceleration"]
     axes_only = [one for one in triples if one.name.quantity in ("", "letter")]
     # A letter g is a rate or a multiple of g.
-    plain = [one for one in axes_only if one.name.stem != ("g",)]
+    plain = [one for one in axes_only if "g" not in one.name.stem]
     body = [one for one in named or plain if one.with_gravity and one.name.state not in ("free", "world")]
     if len(named) == 1 and named[0].name.state in ("raw", "", "processed"):
         # Readings far from the size of gravity may be of any unit, but not without gravity.
