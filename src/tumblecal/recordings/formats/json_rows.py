@@ -28,8 +28,6 @@ _AT_ONCE = 2000
 _BYTES_IN_MEMORY = 10
 # Characters around the object of a line, also of a list with an object in each line.
 _AROUND = " \t\r,[]\ufeff"
-# The value of a name that an object does not have; single values.
-_ABSENT, _SINGLE = ..., {float, int, str, bool, type(None)}
 _DECODER = json.JSONDecoder()
 
 Row = Mapping[str, Any]
@@ -48,12 +46,12 @@ def _columns(rows: Sequence[Row], most: int, before: str = "") -> dict[str, list
     """The values of objects by their names, joined by dots; lists of up to `most` items are objects."""
     found: dict[str, list] = {}
     for key in dict.fromkeys(chain.from_iterable(rows)):
-        values = [row.get(key, _ABSENT) for row in rows]
+        values = [row.get(key) for row in rows]
         if {dict, list} & {*map(type, values)}:
             nested = [_items(value, most) for value in values]
             found |= _columns(nested, most, f"{before}{key}.")
-            values = [_ABSENT if own else value for own, value in zip(nested, values, strict=True)]
-        if {*map(type, values)} != {type(_ABSENT)}:
+            values = [None if own else value for own, value in zip(nested, values, strict=True)]
+        if {*map(type, values)} != {type(None)}:
             found[f"{before}{key}"] = values
     return found
 
@@ -133,52 +131,38 @@ def _first(pieces: Pieces) -> list[tuple[int, str | Row]]:
     return list(islice(chain.from_iterable(pieces()), _SEEN))
 
 
-def _kinds(seen: Mapping[str, list]) -> Callable[[Mapping[str, list], int], list[str]]:
-    """The kinds of rows: the word in a column such as `sensor`, or the names that other rows do not have."""
-
-    def has_words(values: list) -> bool:
-        texts = {value for value in values if isinstance(value, str)}
-        return values[0] is not _ABSENT and len(texts) <= _MOST_KINDS and sum(not is_number(text) for text in texts) > 1
-
-    words = [name for name, values in seen.items() if has_words(values)][:1]
+def _kinds(seen: Sequence[Row]) -> Callable[[Row], str]:
+    """The kind of a row: the word in a field such as `sensor`, or the names that other rows do not have."""
+    for name in seen[0]:
+        texts = {value for row in seen if isinstance(value := row.get(name), str)}
+        if len(texts) <= _MOST_KINDS and sum(not is_number(text) for text in texts) > 1:
+            return lambda row: str(row.get(name, ""))
+    every = dict.fromkeys(chain.from_iterable(seen))
     # An object without one of the names is of the same kind as an object with all names.
-    one = any(_ABSENT not in row for row in zip(*seen.values(), strict=True))
-    names = words or [name for name, values in seen.items() if _ABSENT in values and not one]
-
-    def kinds_of(columns: Mapping[str, list], count: int) -> list[str]:
-        cells = [
-            ["" if value is _ABSENT else str(value) if words else name for value in columns.get(name, [_ABSENT] * count)]
-            for name in names
-        ]
-        return [", ".join(filter(None, row)) for row in zip(*cells, strict=True)] or [""] * count
-
-    return kinds_of
+    one = any(len(row) == len(every) for row in seen)
+    some = [] if one else [name for name in every if not all(name in row for row in seen)]
+    return lambda row: ", ".join(name for name in some if name in row)
 
 
 def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
     """A table for each kind of object."""
     if not (first := [row for _, given in _first(pieces) if (row := _row(given))]):
         return []
-    seen = _columns(first, _MOST_ITEMS)
-    kinds_of = _kinds(seen)
-    kinds = kinds_of(seen, len(first))
+    kind_of = _kinds(first)
 
     def table(kind: str) -> Table:
-        own = _columns([row for row, its in zip(first, kinds, strict=True) if its == kind], _MOST_ITEMS)
+        own = _columns([row for row in first if kind_of(row) == kind], _MOST_ITEMS)
         # A name that is only the letter of an axis gets the word of its kind as a prefix.
         names = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for name in own}
         numeric = {name for name, values in own.items() if any(isinstance(value, int | float) for value in values)}
 
         def frame_of(piece: Sequence[tuple[int, str | Row]], schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame:
-            lines, given = zip(*piece, strict=True)
-            rows = list(map(_row, given))
-            found, none = _columns(rows, _MOST_ITEMS), [None] * len(rows)
-            own = [not row or its == kind for row, its in zip(rows, kinds_of(found, len(rows)), strict=True)]
-            values = {
-                column: cells if {*map(type, cells)} <= _SINGLE else [v if type(v) in _SINGLE else None for v in cells]
-                for column in schema for cells in [found.get(names[column], none)]
-            }  # fmt: skip
-            return pl.DataFrame(values, schema, strict=False).with_columns(pl.Series(ROW, lines)).filter(own)
+            rows = [(line, row) for line, given in piece if not (row := _row(given)) or kind_of(row) == kind]
+            found, none = _columns([row for _, row in rows], _MOST_ITEMS), [None] * len(rows)
+            values = {column: found.get(names[column], none) for column in schema}
+            return pl.DataFrame(values, schema, strict=False).with_columns(
+                pl.Series(ROW, [line for line, _ in rows], pl.Int64)
+            )
 
         def frames(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
             schema = {column: pl.Float64 if names[column] in numeric else pl.String for column in columns}
@@ -188,7 +172,7 @@ def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
         words = f"JSON, {len(names)} columns"
         return Table(" ".join(filter(None, (title, kind))), tuple(names), frames, words=words, row_word=row_word)
 
-    return [table(kind) for kind in dict.fromkeys(kinds)]
+    return [table(kind) for kind in dict.fromkeys(map(kind_of, first))]
 
 
 READER = Reader("JSON", _recognised, _read, rank=1)
