@@ -17,9 +17,7 @@ from tumblecal.recordings.units import PER_G, may_be_gravity, size_of
 
 # Lengths that change less are computed (a unit vector); sizes below this share of gravity have none.
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
-_MOST_SHOWN, _MOST_COLUMNS = 4, 40
-# Dispersions of lengths within this factor are equal.
-_SAME_DISPERSION = 2.0
+_MOST_SHOWN, _MOST_COLUMNS, _MOST_DISPERSION = 4, 40, 0.05
 _WITHOUT = (
     "accelerations along axes of the Earth, or without the size of gravity: no calibration is possible from them. Record the "
     "sensor's readings, or use these all the same"
@@ -144,6 +142,4 @@ def proposals(columns: Sequence[str], values: NDArray[np.float64]) -> list[Tripl
         for first in range(values.shape[1] - 2)
         if falling[first : first + 3].all()
     ]
-    # At one attitude, neighbours of the axis along gravity are as constant as the three axes: the first columns are proposed.
-    least = min((one.dispersion for one in found if one.with_gravity), default=0.0)
-    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion > _SAME_DISPERSION * least))
+    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion > _MOST_DISPERSION))

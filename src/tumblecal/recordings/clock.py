@@ -100,10 +100,9 @@ def unit_of_times(
     steps = np.diff(times)
     usual = np.median(steps[steps > 0]) if (steps > 0).any() else 0.0
     step = float(np.mean(steps[(steps >= 0) & (steps < 20 * usual)])) if usual else 0.0
-    rates = {unit: 1 / (step * TIME_S[unit]) for unit in ("s", "ms", "us", "ns")} if step else {}
+    rates = {unit: 1 / (step * TIME_S[unit]) for unit in ("s", "ms", "100us", "us", "ns")} if step else {}
     if stated:
-        # Xsens counts steps of 0.1 ms (MT Manager) or of 1 us (DOT).
-        return "us" if stated == "100us" and 10 * rates.get("ms", np.inf) < _SLOWEST_HZ else stated, ""
+        return stated, ""
     possible = [unit for unit, rate in rates.items() if _SLOWEST_LOG_HZ < rate < _FASTEST_HZ]
     if rate_hz and rates:
         found = [unit for unit, rate in rates.items() if 0.5 < rate / rate_hz < 2]
@@ -111,7 +110,9 @@ def unit_of_times(
             return "", f"column {name}: no unit of its times gives {rate_hz:g} Hz: not used (to use it: --time-unit)"
     else:
         found = [unit for unit in possible if _EPOCH_S[0] < times[0] * TIME_S[unit] < _EPOCH_S[1]]
-        found = found or [unit for unit in possible if unit == "s" and rates[unit] > _SLOWEST_HZ and usual <= LONGEST_STEP_S]
+        found = found or [
+            unit for unit in possible if unit == "s" and rates[unit] > _SLOWEST_HZ and usual <= LONGEST_STEP_S
+        ]
     if not found:
         options = [f"--time-unit {unit} ({rates[unit]:.4g} Hz)" for unit in possible]
         words = f"column {name}: no unit of the times is stated, and its steps are {step:g}; give"

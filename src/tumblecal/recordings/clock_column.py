@@ -1,7 +1,7 @@
 """The column of the clock of a recording, by its name or its dates, with its form and unit."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,12 +42,11 @@ def clock_among(first: pl.DataFrame, free: Sequence[str], notes: list[str]) -> C
         return not (parsed(name).unit or name in dated), parsed(name).foreign, not regular(steps)
 
     named.sort(key=order)
-    empty = [name for name in named if not np.isfinite(numbers[name]).any()]
     usable = [name for name in named if name in dated or name in composed or rises(numbers[name])]
-    notes += [f"column {name} does not rise: no clock" for name in named if name not in (*usable, *empty)]
+    notes += [f"column {name} does not rise: no clock" for name in named if name not in usable]
     for other in usable[1:2]:
         notes.append(f"clock: {usable[0]}, not {other}; to override: --columns {shlex.quote(f'time={other}')}")
-    found = usable or empty or dated
+    found = usable or dated
     return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 
 
@@ -61,13 +60,12 @@ def composed_clocks(first: pl.DataFrame, names: Sequence[str]) -> dict[str, Colu
     parts = {name: part for name, part in parts.items() if part.unit and (part.form or role_of(name)[0] == "time")}
     values, composed = {name: part.numbers(first) for name, part in parts.items()}, dict[str, Column]()
     for name, part in sorted(parts.items(), key=lambda item: -item[1].scale):
-        of_day = part.scale == TIME_S["h"] or "<year>" not in FORMS.get(part.form, "<year>")
         larger = [
             other for other in parts.values()
             if np.nanmax(values[name], initial=part.scale) < other.scale and np.nanmin(values[name], initial=0.0) >= 0
-            and not (values[other.name] / other.scale % 1 > 0).any() and (of_day or other.scale < DAY_S)
+            and not (values[other.name] / other.scale % 1 > 0).any() and (part.of_day or other.scale < DAY_S)
         ]  # fmt: skip
-        if larger and (of_day or not part.form):
+        if larger and (part.of_day or not part.form):
             whole = min(larger, key=lambda other: other.scale)
             composed[name] = replace(part, whole=composed.get(whole.name, whole))
     return composed
@@ -94,25 +92,6 @@ def _in_seconds(first: pl.DataFrame, name: str) -> Column:
         return Column(name, "s", scale=1.0 if "<hour>" in FORMS[form] else DAY_S, form=form, offset=day)
     unit = parsed(name).unit
     return Column(name, "s" if unit in TIME_S else "", scale=TIME_S.get(unit, 1.0))
-
-
-def letters_t(
-    first: pl.DataFrame, columns: Mapping[str, Column], free: Sequence[str], notes: list[str]
-) -> dict[str, Column]:
-    """The quantities of columns t and T: t is the time if it rises; others are the temperature if they do not rise, or the
-    time next to a temperature."""
-    found: dict[str, Column] = {}
-    letters = [name for name in free if parsed(name).stem == ("t",) and not parsed(name).axis and not role_of(name)[0]]
-    for name in sorted(letters, reverse=True):  # t before T
-        known, rising = {*columns, *found}, rises(Column(name).numbers(first))
-        role = "time" if rising and (name.strip()[0] == "t" or "temperature" in known) else "temperature"
-        if role in known or (role == "temperature" and rising):
-            notes.append(
-                f"column {name} is not used (to use it: --columns time={name} or --columns temperature={name})"
-            )
-        else:
-            found[role] = Column(name, "", "name")
-    return found
 
 
 def clock_with_unit(

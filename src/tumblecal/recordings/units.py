@@ -23,8 +23,6 @@ _KNOWN = {"--unit": (_FORCE_UNITS, "g"), "--gyro-unit": (_RATE_UNITS, "dps")}
 # Names of units in files, as an option is written.
 AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
 PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
-# The units of numbers that are not whole, for one g; the last one is mm/s^2. Counts are whole.
-_NOT_COUNTS = {unit: UNITS_PER_G[unit] for unit in ("g", "mg", "m/s2")} | {"mm/s2": 1000 * UNITS_PER_G["m/s2"]}
 # Readings whose size is one g in some unit to within this factor have this unit; if several attitudes show the bias, within
 # the second.
 _LARGEST_RATIO, _LARGEST_RATIO_WITHOUT_BIAS = 1.3, 1.15
@@ -124,10 +122,11 @@ def unit_by_size(size: float, *, without_bias: bool = False, whole: bool = True)
     """
     if not size > 0:
         return ""
-    units = UNITS_PER_G if whole else _NOT_COUNTS
-    near, per = min(units.items(), key=lambda unit: abs(np.log(size / unit[1])))
+    near, per = min(UNITS_PER_G.items(), key=lambda unit: abs(np.log(size / unit[1])))
     ratio = _LARGEST_RATIO_WITHOUT_BIAS if without_bias else _LARGEST_RATIO
-    return (near if near in ("g", "mg", "m/s2") else f"{per:g}/g") if 1 / ratio < size / per < ratio else ""
+    counts = "" if near in ("g", "mg", "m/s2") else f"{per:g}/g"
+    # Counts are whole.
+    return counts * whole or near * (not counts) if 1 / ratio < size / per < ratio else ""
 
 
 def may_be_gravity(size: float, unit: str) -> bool:

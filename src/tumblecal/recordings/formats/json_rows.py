@@ -38,8 +38,7 @@ Pieces = Callable[[], Iterable[Sequence[tuple[int, str | Row]]]]
 def _recognised(path: object, head: bytes) -> bool:
     text = head.decode("utf-8-sig", "replace").lstrip()
     lines = text.splitlines()[:20]
-    rows = sum(map(_is_row, lines))
-    return rows > _WHOLE_SHARE * (len(lines) - 1) if rows else bool(re.match(r'(\[\s*)?\{\s*"[^"]*"\s*:', text))
+    return bool(re.match(r'(\[\s*)?\{\s*"[^"]*"\s*:', text)) or sum(map(_is_row, lines)) > _WHOLE_SHARE * len(lines)
 
 
 def _columns(rows: Sequence[Row], most: int, before: str = "") -> dict[str, list]:
