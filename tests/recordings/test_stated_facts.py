@@ -14,10 +14,14 @@ from tumblecal.recordings.library import read_recording
 @pytest.mark.parametrize(("unit", "scale"), [("us", 1e-6), ("ns", 1e-9)])
 @pytest.mark.parametrize("rate_hz", [50.0, 250.0])
 def test_a_time_since_the_start_of_a_device_is_no_date(begin_s, unit, scale, rate_hz):
-    """Microseconds after 17 minutes look like seconds since 1970, but the rate does not."""
+    """Microseconds after 17 minutes look like seconds since 1970, but the rate does not; without a rate they are a question."""
     times = np.round((begin_s + np.arange(500) / rate_hz) / scale)
-    assert unit_of_times(times, "t", "", None, "log.csv")[0] == unit
     assert unit_of_times(times, "t", "", rate_hz, "log.csv")[0] == unit
+    if begin_s > 1e9:
+        assert unit_of_times(times, "t", "", None, "log.csv")[0] == unit
+        return
+    with pytest.raises(InputError, match=rf"no unit of the times is stated.*--time-unit {unit} \({rate_hz:g} Hz\)"):
+        unit_of_times(times, "t", "", None, "log.csv")
 
 
 def text(path, header, rows, form="%.6g"):
@@ -31,8 +35,9 @@ def force():
 
 
 def test_times_that_contradict_a_stated_rate_are_not_used(tmp_path, force):
-    """A counter of 16 bits at 500 Hz; one of 8 bits is no clock at any rate."""
-    log = text(tmp_path / "log.csv", "time,ax_g,ay_g,az_g", np.column_stack([np.arange(300) * 5 % 256, force]))
+    """A counter of 16 bits at 500 Hz; a duration, which does not rise, is no clock at any rate."""
+    duration = 0.01 + 1e-4 * np.random.default_rng(2).normal(size=300)
+    log = text(tmp_path / "log.csv", "Time,ax_g,ay_g,az_g", np.column_stack([duration, force]))
     assert read_recording(log).rate_hz is None
     counter = np.arange(300) * 98 % 65536
     log = text(tmp_path / "log.csv", "TIME_STMP,ax_g,ay_g,az_g", np.column_stack([counter, force]))
@@ -95,6 +100,10 @@ def test_several_attitudes_show_the_size_of_gravity_more_closely(tmp_path, attit
         ("time,accX,accY,accZ", "2025-8-11 23:1:{t:.2f},{x:.4f},{y:.4f},{z:.4f}", ""),  # no leading zeros
         ("time,accX,accY,accZ", "  {t:.2f},  {x:.4f}, {y:.4f},  {z:.4f}", ""),
         ("GPST,Ax,Ay,Az", "{t:.2f},{x:.4f},{y:.4f},{z:.4f}", ""),
+        ("Zeit [h],Ax,Ay,Az", "{h:.9f},{x:.4f},{y:.4f},{z:.4f}", ""),
+        # A letter g next to names of accelerations is no rate; the time that a step lasts is no clock.
+        ("Time (min),AccX,AccY,AccZ,G(x),G(y),G(z)", "{m:.8f},{x:.4f},{y:.4f},{z:.4f},{x:.4f},{y:.4f},{z:.4f}", ""),
+        ("timestamp,AccX,AccY,AccZ,Time", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},0.02{d}", ""),
         ("time,acc_x,acc_y,acc_z,acc_x_ema,acc_y_ema,acc_z_ema", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},{x:.4f},{y:.4f},{z:.4f}",
          ""),
         ("time,accX,accY,accZ,position_x,position_y,position_z", "{t:.2f},{x:.4f},{y:.4f},{z:.4f},{x:.4f},{y:.4f},{z:.4f}",
@@ -106,14 +115,16 @@ def test_several_attitudes_show_the_size_of_gravity_more_closely(tmp_path, attit
 )  # fmt: skip
 def test_what_loggers_write_needs_no_question(tmp_path, force, header, row, first):
     lines = [
-        (first if first and k < 5 else row).format(t=k / 50, x=x, y=y, z=z, d=k % 3, a=("rest", "turn")[k // 150])
+        (first if first and k < 5 else row).format(
+            t=k / 50, m=k / 3000, h=k / 180000, x=x, y=y, z=z, d=k % 3, a=("rest", "turn")[k // 150]
+        )
         for k, (x, y, z) in enumerate(force.tolist())
     ]
     (tmp_path / "log.csv").write_text("\n".join([header, *lines]) + "\n")
     recording = read_recording(tmp_path / "log.csv")
     assert recording.rows == 300 and recording.rate_hz == pytest.approx(50.0, rel=0.01)
     np.testing.assert_allclose(recording.frame().select("^a[xyz].*$").collect().to_numpy(), force, atol=1e-4)
-    assert recording.layout.columns["ax"].name == header.split(",")[1]
+    assert recording.layout.columns["ax"].name == header.split(",")[1] and "gx" not in recording.layout.columns
 
 
 @pytest.mark.parametrize("system", ["elapsed-time-system", "Timestamp"])
@@ -177,4 +188,4 @@ def test_a_sensor_that_moves_all_the_time_shows_no_bias(tmp_path):
 
 def test_millimetres_a_second_squared_are_no_counts(tmp_path, force):
     log = text(tmp_path / "log.csv", "time,accX,accY,accZ", np.column_stack([np.arange(300) / 400, 9780 * force]))
-    assert read_recording(log).layout.per_g == 9806.65
+    assert read_recording(log).layout.per_g is None

@@ -8,6 +8,8 @@ import polars as pl
 import pytest
 
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.description import write_description
+from tumblecal.recordings.library import read_recording
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.reading import read_recording as write_samples
 
@@ -31,8 +33,8 @@ def imported(path, columns, options: RecordingOptions = RecordingOptions()) -> t
     [
         ({"t": RISING, "temp": WARM}, ""),
         ({"t": RISING, "T": WARM}, ""),
-        ({"T": RISING, "Temperature [°C]": WARM}, ""),
-        ({"t": WARM, "u": RISING}, "time=u"),
+        ({"T": WARM, "time": RISING}, ""),
+        ({"T": WARM, "u": RISING}, "time=u"),
         ({"Zeit [s]": RISING, "Temperatur [°C]": WARM}, ""),
     ],
 )
@@ -43,16 +45,16 @@ def test_t_is_the_time_beside_a_temperature_and_the_other_way_round(tmp_path, co
 
 
 @pytest.mark.parametrize(
-    ("values", "kind"),
+    ("columns", "found"),
     [
-        (RISING, "time_s"),
-        (WARM, "temperature_degc"),
-        (["23.5"] * ROWS, "temperature_degc"),
+        ({"t": RISING}, {"time_s"}),
+        ({"t": WARM}, set()),
+        ({"T": RISING}, set()),
     ],
 )
-def test_t_alone_is_told_by_its_values(tmp_path, values, kind):
-    frame, _ = imported(tmp_path / "log.csv", {"t": values})
-    assert {"time_s", "temperature_degc"} & {*frame.columns} == {kind}
+def test_t_alone_is_a_time_that_rises_and_a_capital_letter_needs_a_time(tmp_path, columns, found):
+    frame, _ = imported(tmp_path / "log.csv", dict(columns))
+    assert {"time_s", "temperature_degc"} & {*frame.columns} == found
 
 
 BEGIN = datetime(2026, 3, 29, 23, 59, 59, 700000)
@@ -73,14 +75,31 @@ def test_clocks_are_read_over_midnight(tmp_path, form):
     np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
 
 
-def test_a_clock_in_two_columns_and_clocks_of_parquet_files(tmp_path):
-    """Whole seconds with their fractions in another column; dates and durations as such."""
-    parts = {
-        "Time_s": [f"{7 + k // 100}" for k in range(ROWS)],
-        "Time_us": [f"{k % 100 * 10_000}" for k in range(ROWS)],
-    }
-    frame, _ = imported(tmp_path / "log.csv", parts)
-    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"Date": "%Y-%m-%d", "Time": "%H:%M:%S.%f"},
+        {"Datum": "%d.%m.%y", "Uhrzeit": "%H:%M:%S,%f"},
+        {"Date": "%Y%m%d", "Time": "%I:%M:%S.%f %p"},  # no date of a known form: the time of day passes midnight
+        {"Date": "%m/%d/%Y", "Time": "%H:%M:%S", "us": "%f"},
+        {"Hour": "%H", "Minute": "%M", "Second": "%S.%f"},
+        {"epoch_s": "%s", "Time_us": "%f"},
+    ],
+)
+def test_a_clock_in_several_columns(tmp_path, parts):
+    """Dates, times of day, minutes, whole seconds and fractions, over midnight; the description gives the same clock."""
+    times = [BEGIN + timedelta(milliseconds=10 * k) for k in range(ROWS)]
+    columns = {name: [time.strftime(form).replace(",", ".") for time in times] for name, form in parts.items()}
+    frame, _ = imported(tmp_path / "log.csv", columns)
+    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=3e-7)  # of seconds since 1970
+    recording = read_recording(tmp_path / "log.csv")
+    write_description(recording, tmp_path / "log.csv.recording.toml")
+    described = read_recording(tmp_path / "log.csv.recording.toml")
+    assert described.begin_s == recording.begin_s and "time" in described.layout.columns
+
+
+def test_clocks_of_parquet_files(tmp_path):
+    """Dates and durations as such."""
     passed = pl.Series(range(ROWS)) * timedelta(milliseconds=10)
     for clock in (passed, pl.Series([BEGIN]).repeat_by(ROWS).explode() + passed):
         source = pl.DataFrame({"time": clock, "ax": [0.1] * ROWS, "ay": [0.2] * ROWS, "az": [0.97] * ROWS})
@@ -103,13 +122,16 @@ FAULTS = [
     (*GOOD, {"offset": "nan"}, "--offset nan: not a finite number"),
     (*GOOD, {"topic": "imu7"}, "no topic imu7"),
     ("t,ay,az", "{t},0.2,0.97", {}, "name the accelerations among the columns 't, ay, az': --columns ax"),
+    ("Time,Gx,Gy,Gz", GOOD[1], {}, "name the accelerations among the columns 'Time, Gx, Gy, Gz': --columns ax=Gx,ay=Gy"),
+    ("Time,linear_x,linear_acc_x,linear_acc_y,linear_acc_z", "{t},1,0.1,0.2,0.97", {}, "without the size of gravity"),
+    ("Time (10us),ax,ay,az", "{k}000,0.1,0.2,0.97", {}, "no unit of the times is stated, and its steps are 1000"),
     ("time,ax,ay,az", "{k}e-12,0.1,0.2,0.97", {}, "no unit of the times is stated, and its steps are 1e-12"),
     ("time,ax,ay,az", "{t},0.1,0.2,0.97g", {}, "lines 2 to 61, column az: '0.97g': no number; write 0.97, without the unit"),
     ("warmth,ax,ay,az", "cold,0.1,0.2,0.97", {"columns": "temperature=warmth"}, "2 to 61, column warmth: 'cold': no number"),
     ("time,ax,ay,az", "{t},low,high,mid", {}, "log.csv:lines 2 to 61, columns ax, ay, az: 'low': no number"),
     ("time,temp,ax,ay,az,p", "{t},25.{d},low,0.2,mid,{k}", {}, "lines 2 to 61, columns ax, az: 'low': no number"),
     ("alpha_deg,ax,ay,az", "45:30,0.1,0.2,0.97", {}, "column alpha_deg: '45:30': no number; write degrees with decimals"),
-    ("time,ax,ay,az", "10h05,0.1,0.2,0.97", {}, "column time: '10h05' cannot be read as a time; write"),
+    ("time,ax,ay,az", "10h05,0.1,0.2,0.97", {"columns": "time=time"}, "column time: '10h05' cannot be read as a time; write"),
     ("time,ax,ay,az", "{k}0,0.1,0.2,0.97", {}, "give: --time-unit s (0.1 Hz) or --time-unit ms (100 Hz)"),
     ("time,sensor,ax,ay,az", "{t},{d},0.1,0.2,0.97", {}, "select one: --rows sensor=0 or --rows sensor=1"),
     ("t,ax,ay,az", GOOD[1], {"rows": "sensor=1"}, "--rows sensor=1: no such column; the table has t, ax, ay, az"),
@@ -120,7 +142,7 @@ FAULTS = [
     ("ax ay az", "-5,59 8,8{d} 7,05", {}, "ax, ay, az: '-5,59': no number; its comma may be decimal: --decimal comma"),
     ("time,ax,ay,az", "{k},{u},0.97", {}, "log.csv: no row has a number in each of ax, ay, az"),
     (*GOOD, {"scale": "gx=2"}, "--scale: gx is not among the columns; there are ax, ay, az, time"),
-    (*GOOD, {"time_unit": "min"}, "--time-unit min: not known; write one of s, ms, us, ns"),
+    (*GOOD, {"time_unit": "d"}, "--time-unit d: not known; write one of s, ms, us, ns"),
     (*GOOD, {"decimal": "dot"}, "--decimal dot: write point or comma"),
     (*GOOD, {"rate": -1.0}, "--rate -1: not a sample rate; give samples a second, above 0 and below 1e7"),
     ("a,b,c,d", GOOD[1], {"columns": "ax=2"}, "ay, az not found among the columns 'a, b, c, d'; name them: --columns"),

@@ -98,8 +98,8 @@ def parsed(column: str) -> Name:
         written = "g"
     if quantity == "time" and not written:  # seconds_elapsed, timestamp_ms
         written = next((unit[1] for word in stem if (unit := unit_of(word)) and unit[0] == "time"), "")
-    if quantity == "temperature" and unit == ("temperature", ""):
-        quantity = "other"  # in kelvin or Fahrenheit
+    if unit and ((unit == (quantity, "") and quantity == "temperature") or (unit[0] == "time" and quantity in _TRIADS)):
+        quantity = "other"  # in kelvin or Fahrenheit; a duration or a minimum
     known = {quantity, "plain"}
     foreign = sum(not {*_meanings(word)} & known for word in stem)
     return Name(quantity, axis, written, max(states - {""} or {""}, key=STATES.index), tuple(stem), foreign)
@@ -112,7 +112,7 @@ def _words(column: str) -> tuple[list[str], tuple[str, str] | None]:
         if unit := unit_of(bracket[1] or bracket[2] or ""):
             units.append(unit)
             text = text.replace(bracket[0], " ")
-    words = [word for part in re.findall(r"\d+|[^\W\d_]+", text) for word in _split(part)]
+    words = [word for part in re.findall(r"\d+[munμ]s(?![^\W_])|\d+|[^\W\d_]+", text) for word in _split(part)]
     if units:
         return words, units[0]
     for end in (len(words), len(words) - 1):
@@ -123,16 +123,19 @@ def _words(column: str) -> tuple[list[str], tuple[str, str] | None]:
             known = {kind for word in others for kind in _meanings(word)}
             if unit[0] == "orientation" and "rate" in known:
                 unit = ("rate", "dps" if unit[1] else "rads")  # gyro_rad[0]: radians a second
-            of_letter = (words[start:end], others) == (["s"], ["t"]) or (words[start] == "g" and "a" in others)
-            if len("".join(words[start:end])) > 1 or unit[0] in known or of_letter:
+            of_letter = (words[start:end], others) == (["s"], ["t"]) or (
+                words[start] == "g" and ("a" in others or others[0] in "xyz")
+            )
+            # `min` is also a minimum.
+            if (len("".join(words[start:end])) > 1 and words[start] != "min") or unit[0] in known or of_letter:
                 return others, unit
     return words, None
 
 
 def _split(part: str) -> list[str]:
     """The words of a string of letters: known words that together form it, otherwise by capital letters."""
-    if part.isdecimal():
-        return [part]
+    if part[0].isdecimal():
+        return [part]  # an index, or a unit such as 10us
     if whole := _known(part.lower()):
         return whole
     words = []
@@ -200,6 +203,8 @@ def role_of(column: str) -> tuple[str, str]:
     if angle := re.fullmatch(r"(alpha|beta)[ _]?[\[(]\s*(?:deg|degrees?|°)\s*[\])]", text.lower()):
         return f"{angle[1]}_deg", ""
     name = parsed(text)
+    if text == "t":
+        return "time", ""
     if name.quantity in ("time", "temperature"):
         return name.quantity, name.unit
     axis = {"0": "x", "1": "y", "2": "z"}.get(name.axis, name.axis)

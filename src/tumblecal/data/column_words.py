@@ -34,7 +34,7 @@ MEANINGS = {
     "time": (
         "sec secs second time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp "
         "epoch epoc clock datetime elapsed seconds millis micros nanos ms us ns ts tick ticks tow now "
-        "gpst msec usec nsec msecs usecs nsecs 时间 時間 время 시간"
+        "gpst msec usec nsec msecs usecs nsecs hour hours minute minutes 时间 時間 時刻 日時 время 시간 czas hora heure"
     ),
     "temperature": "temp temps temperature temperatures temperatur temperatura tmp 温度 температура 온도",
     "other": (
@@ -88,11 +88,13 @@ UNITS = {
     "orientation": {"deg": "deg", "": "rad"},
     "temperature": {"degc": "degc c celsius gradc", "": "degf f k kelvin fahrenheit"},
     "time": {
-        "s": "s",
+        "s": "s 秒 초 sek sekunden secondes secondi segundos сек",
         "ms": "ms msec msecs milliseconds millis millisecond",
         "us": "us μs usec usecs microsec microseconds micros",
         "ns": "ns nsec nsecs nanosec nanoseconds nanos",
-        "100us": "",  # no name states it: counts of Xsens
+        "min": "min mins minute minutes",
+        "h": "h hr hrs hour hours",
+        "100us": "100us 100μs 0.1ms",
     },
     "counts": {"counts": "lsb count counts adc digit digits bit bits nounits no_units"},
     "other": {

@@ -17,9 +17,7 @@ from tumblecal.recordings.units import PER_G, may_be_gravity, size_of
 
 # Lengths that change less are computed (a unit vector); sizes below this share of gravity have none.
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
-_MOST_SHOWN, _MOST_COLUMNS = 4, 40
-# Dispersions of lengths within this factor are equal.
-_SAME_DISPERSION = 2.0
+_MOST_SHOWN, _MOST_COLUMNS, _MOST_DISPERSION = 4, 40, 0.05
 _WITHOUT = (
     "accelerations along axes of the Earth, or without the size of gravity: no calibration is possible from them. Record the "
     "sensor's readings, or use these all the same"
@@ -38,8 +36,13 @@ class Triple:
 
     @property
     def with_gravity(self) -> bool:
-        """Whether the readings may have the size of gravity, with offsets and noise."""
-        return self.changes > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
+        """Whether the readings may have the size of gravity, with offsets and noise: in m/s^2 for a linear acceleration (ROS).
+
+        A name that does not state an acceleration with gravity needs a rest at which the readings have this size."""
+        linear = self.name.state == "linear"
+        stated = self.name.quantity == "acceleration" and not linear
+        size = may_be_gravity(self.size, self.name.unit or "ms2" * linear)
+        return self.changes > _LEAST_NOISE and size and (stated or np.isfinite(self.dispersion))
 
     def option(self, columns: Sequence[str], more: str = "") -> str:
         """The option that selects it among all columns of a table, by number if a name needs quotation marks."""
@@ -90,7 +93,9 @@ def chosen(
     triples = triples_of(free, readings)
     named = [one for one in triples if one.name.quantity == "acceleration"]
     axes_only = [one for one in triples if one.name.quantity in ("", "letter")]
-    body = [one for one in named or axes_only if one.with_gravity and one.name.state not in ("free", "world")]
+    # A letter g is a rate or a multiple of g.
+    plain = [one for one in axes_only if "g" not in one.name.stem]
+    body = [one for one in named or plain if one.with_gravity and one.name.state not in ("free", "world")]
     if len(named) == 1 and named[0].name.state in ("raw", "", "processed"):
         # Readings far from the size of gravity may be of any unit, but not without gravity.
         body = body if named[0].size < _LEAST_GRAVITY * PER_G.get(named[0].name.unit, 1.0) else named
@@ -98,7 +103,7 @@ def chosen(
     body = [one for one in body if one.name.state != "linear"] or body
     several = len({one.name.sensor for one in body}) > 1 or (not named and len(body) > 1)
     if several or not body:
-        found, more = body or named or axes_only, ""
+        found, more = body or [one for one in axes_only if one.with_gravity] + named or axes_only, ""
         words = f"name the accelerations among the columns {shown(', '.join(columns))}"
         if several:
             words = f"{len(body)} triples of columns with the size of gravity; choose one"
@@ -121,7 +126,7 @@ def chosen(
     elif not named:
         notes.append(f"accelerations: {', '.join(force.columns)}, axes by their names; to override: {COLUMNS_OPTION}")
     rates = [one for one in triples if one.name.quantity == "rate"] or [
-        one for one in triples if one.name.quantity == "letter" and one.name.stem[:1] == ("g",) and one is not force
+        one for one in axes_only if (*one.name.stem[:1], *force.name.stem[:1]) == ("g", "a")
     ]
     # The rates with most words in common with the accelerations, the least processed.
     rates.sort(key=lambda one: (-len({*one.name.stem} & {*force.name.stem}), STATES.index(one.name.state)))
@@ -137,6 +142,4 @@ def proposals(columns: Sequence[str], values: NDArray[np.float64]) -> list[Tripl
         for first in range(values.shape[1] - 2)
         if falling[first : first + 3].all()
     ]
-    # At one attitude, neighbours of the axis along gravity are as constant as the three axes: the first columns are proposed.
-    least = min((one.dispersion for one in found if one.with_gravity), default=0.0)
-    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion > _SAME_DISPERSION * least))
+    return sorted(found, key=lambda one: (not one.with_gravity, one.dispersion > _MOST_DISPERSION))

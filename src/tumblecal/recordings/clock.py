@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from tumblecal.recordings.guesses import question
 
 
-TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100us": 1e-4}
+TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100us": 1e-4, "min": 60.0, "h": 3600.0}
 # Sample rates of inertial sensors, and of the slowest logs, Hz.
 _SLOWEST_HZ, _FASTEST_HZ, _SLOWEST_LOG_HZ = 8.0, 20000.0, 0.01
-_SLOW_STEPS_S = np.array([1, 2, 3, 4, 5, 6, 10, 12, 15, 20, 30, 60, 100, 120])
 # Numbers of a clock that counts from 1970, between 2001 and 2100.
 _EPOCH_S = (1e9, 4.2e9)
 _MOST_OTHER, _MOST_BACK = 0.2, 0.01
@@ -27,15 +26,19 @@ _TIME = (
     r"\s*(?P<half>[AaPp])?\.?(?:[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?\s*$"
 )
 _DAY, _MONTH, _YEAR = r"(?P<day>\d{1,2})", r"(?P<month>\d{1,2})", r"(?P<year>\d{4}|\d\d)"
+_DATES = {
+    "y-m-d": rf"^\s*(?P<year>\d{{4}})[-/.]{_MONTH}[-/.]{_DAY}",
+    "d-Mon-y": rf"^\s*{_DAY}-(?P<name>[A-Za-z]{{3}})-{_YEAR}",
+    "d.m.y": rf"^\s*{_DAY}\.{_MONTH}\.{_YEAR}",
+    "m/d/y": rf"^\s*{_MONTH}[/-]{_DAY}[/-]{_YEAR}",
+    "d/m/y": rf"^\s*{_DAY}[/-]{_MONTH}[/-]{_YEAR}",
+}
 FORMS = {
-    "y-m-d h:m:s": rf"^\s*(?P<year>\d{{4}})[-/.]{_MONTH}[-/.]{_DAY}[T,]?\s*{_TIME}",
-    "d-Mon-y h:m:s": rf"^\s*{_DAY}-(?P<name>[A-Za-z]{{3}})-{_YEAR}\s+{_TIME}",
-    "d.m.y h:m:s": rf"^\s*{_DAY}\.{_MONTH}\.{_YEAR}[T,]?\s*{_TIME}",
-    "m/d/y h:m:s": rf"^\s*{_MONTH}[/-]{_DAY}[/-]{_YEAR}[T,]?\s*{_TIME}",
-    "d/m/y h:m:s": rf"^\s*{_DAY}[/-]{_MONTH}[/-]{_YEAR}[T,]?\s*{_TIME}",
+    **{f"{form} h:m:s": rf"{date}[T,]?\s*{_TIME}" for form, date in _DATES.items()},
     # If day and month of a date are ambiguous, only the time of day is used.
     "day h:m:s": rf"^\s*\d{{1,2}}[/-]\d{{1,2}}[/-]\d{{2,4}}[T,]?\s*{_TIME}",
     "h:m:s": rf"^\s*{_TIME}",
+    **{form: rf"{date}\s*$" for form, date in _DATES.items()},
 }
 
 
@@ -53,20 +56,22 @@ def form_of(cells: Sequence[str]) -> str:
 def seconds_of(name: str, form: str, first_day: float = 0.0) -> pl.Expr:
     """The times of a column of text, s, from midnight of a day (counted from 1970); null for cells of another form."""
     group = pl.col(name).str.extract_groups(FORMS[form]).struct.field
-    hour, minute = (group(unit).cast(pl.Int64, strict=False) for unit in ("hour", "minute"))
-    second = group("second").str.replace("[,:]", ".").cast(pl.Float64, strict=False)
-    half = group("half").str.to_lowercase()
-    hour = pl.when(half.is_null()).then(hour).otherwise(hour % 12 + 12 * (half == "p").cast(pl.Int64))
-    # +0530 is 330 minutes ahead.
-    zone = group("zone").str.replace(":", "", literal=True).cast(pl.Int64, strict=False).fill_null(0)
-    minute = minute - zone + 40 * (zone / 100).cast(pl.Int64)
-    of_day = hour * 3600 + minute * 60 + second
+    seconds = pl.lit(0.0)
+    if "<hour>" in FORMS[form]:
+        hour, minute = (group(unit).cast(pl.Int64, strict=False) for unit in ("hour", "minute"))
+        second = group("second").str.replace("[,:]", ".").cast(pl.Float64, strict=False)
+        half = group("half").str.to_lowercase()
+        hour = pl.when(half.is_null()).then(hour).otherwise(hour % 12 + 12 * (half == "p").cast(pl.Int64))
+        # +0530 is 330 minutes ahead.
+        zone = group("zone").str.replace(":", "", literal=True).cast(pl.Int64, strict=False).fill_null(0)
+        minute = minute - zone + 40 * (zone / 100).cast(pl.Int64)
+        seconds = hour * 3600 + minute * 60 + second
     if "<year>" not in FORMS[form]:
-        return of_day
+        return seconds
     year = ("20" + group("year")).str.slice(-4)
     month, kind = ("name", "%Y-%b-%d") if "<name>" in FORMS[form] else ("month", "%Y-%m-%d")
     date = pl.concat_str([year, group(month), group("day")], separator="-").str.to_date(kind, strict=False)
-    return (date.cast(pl.Int64) - int(first_day)) * DAY_S + of_day
+    return (date.cast(pl.Int64) - int(first_day)) * DAY_S + seconds
 
 
 def rises(times: NDArray[np.float64]) -> bool:
@@ -81,50 +86,35 @@ def regular(steps: NDArray[np.float64]) -> bool:
     return bool(usual > 0 and np.mean(np.abs(steps - usual) < usual / 4) > _REGULAR)
 
 
-def overflows(times: NDArray[np.float64]) -> bool:
-    """Whether numbers are those of a counter of whole bytes that overflows: they fall after they reached its last step."""
-    times = times[np.isfinite(times)]
-    steps = np.diff(times)
-    if not (steps < 0).any() or not (steps > 0).any():
-        return False
-    lacking = 2.0 ** (8 * np.arange(1, 5)) - times.max()
-    return bool(((lacking > 0) & (lacking <= np.median(steps[steps > 0]))).any())
-
-
 def unit_of_times(
     times: NDArray[np.float64], name: str, stated: str, rate_hz: float | None, path: str
 ) -> tuple[str, str]:
     """The unit of times, and a note if it was not stated.
 
-    A stated rate has one possible unit, and so have dates from 1970 whose rate is possible. Otherwise it is the first unit in
-    which the rate is one of a sensor, unless the steps may also be the seconds of a slow log. No unit, with a note, is for
-    times that contradict a stated rate.
+    Without a stated unit, it is the one that gives a stated rate, or dates from 1970; otherwise seconds, if these give the
+    rate of a sensor. No unit, with a note, is for times that contradict a stated rate.
 
-    **Raises:** `InputError` with the options, if more than one unit is possible, or none.
+    **Raises:** `InputError` with the options for any other times.
     """
     times = times[np.isfinite(times)]
     steps = np.diff(times)
-    steps = steps[steps > 0]
-    step = float(np.mean(steps[steps < 20 * np.median(steps)])) if len(steps) else 0.0
-    rates = {unit: 1 / (step * TIME_S[unit]) for unit in ("s", "ms", "us", "ns")} if step else {}
+    usual = np.median(steps[steps > 0]) if (steps > 0).any() else 0.0
+    step = float(np.mean(steps[(steps >= 0) & (steps < 20 * usual)])) if usual else 0.0
+    rates = {unit: 1 / (step * TIME_S[unit]) for unit in ("s", "ms", "100us", "us", "ns")} if step else {}
     if stated:
-        # Xsens counts steps of 0.1 ms (MT Manager) or of 1 us (DOT).
-        return "us" if stated == "100us" and 10 * rates.get("ms", np.inf) < _SLOWEST_HZ else stated, ""
+        return stated, ""
     possible = [unit for unit, rate in rates.items() if _SLOWEST_LOG_HZ < rate < _FASTEST_HZ]
     if rate_hz and rates:
         found = [unit for unit, rate in rates.items() if 0.5 < rate / rate_hz < 2]
         if not found:
             return "", f"column {name}: no unit of its times gives {rate_hz:g} Hz: not used (to use it: --time-unit)"
-    elif since_1970 := [unit for unit in possible if _EPOCH_S[0] < times[0] * TIME_S[unit] < _EPOCH_S[1]]:
-        found = since_1970
     else:
-        found = [unit for unit in possible if rates[unit] > _SLOWEST_HZ][:1]
-        if step < 1 and "s" in possible:
-            found = ["s"]
-        elif (np.abs(step / _SLOW_STEPS_S - 1) < 0.01).any():
-            found = ["s", *found]
-    if len(found) != 1:
-        options = [f"--time-unit {unit} ({rates[unit]:.4g} Hz)" for unit in found]
+        found = [unit for unit in possible if _EPOCH_S[0] < times[0] * TIME_S[unit] < _EPOCH_S[1]]
+        found = found or [
+            unit for unit in possible if unit == "s" and rates[unit] > _SLOWEST_HZ and usual <= LONGEST_STEP_S
+        ]
+    if not found:
+        options = [f"--time-unit {unit} ({rates[unit]:.4g} Hz)" for unit in possible]
         words = f"column {name}: no unit of the times is stated, and its steps are {step:g}; give"
         raise question(path, words, options or ["--time-unit", "--rate 100 without the times"])
     rate = rates[found[0]]

@@ -12,7 +12,7 @@ from tumblecal.data.column_names import FORCE, QUANTITIES, RATE, exact_role, rol
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import pairs
 from tumblecal.ground.text_file import shown
-from tumblecal.recordings.clock import seconds_of
+from tumblecal.recordings.clock import FORMS, TIME_S, seconds_of
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
 
@@ -35,7 +35,7 @@ class Column:
 
     - `name`: in the source. `why`: the evidence for it. `unit_why`: that for its unit; empty before units are known.
     - `form`: of times written as text; `offset` is then the first day.
-    - `whole`: the column of the whole seconds of a clock whose fractions are in `name`.
+    - `whole`: the column of the dates, hours, minutes or whole seconds of a clock whose parts of them are in `name`.
     - `bits`: of numbers of which negative ones are written as unsigned ones; 0 for others.
     """
 
@@ -46,7 +46,7 @@ class Column:
     scale: float = 1.0
     offset: float = 0.0
     form: str = ""
-    whole: str = ""
+    whole: "Column | None" = None
     bits: int = 0
 
     @property
@@ -54,15 +54,27 @@ class Column:
         """The evidence for the column and its unit, in words."""
         return "; unit: ".join(filter(None, (self.why, self.unit_why)))
 
+    @property
+    def parts(self) -> tuple["Column", ...]:
+        """The column, and those of the larger parts of a clock."""
+        return (self, *(self.whole.parts if self.whole else ()))
+
+    @property
+    def of_day(self) -> bool:
+        """Whether it is a clock that states the time of day only."""
+        largest = self.parts[-1]
+        return "<year>" not in FORMS[largest.form] if largest.form else largest.scale == TIME_S["h"]
+
     def reading(self) -> pl.Expr:
         """The readings, or the seconds of a clock; null for a cell that is no number."""
         if self.form:
-            return seconds_of(self.name, self.form, self.offset)
-        values, whole = (pl.col(name or self.name).cast(pl.Float64, strict=False) for name in (self.name, self.whole))
-        if self.bits:
-            values = values - 2.0**self.bits * (values >= 2.0 ** (self.bits - 1))
-        values = (values - self.offset) * self.scale
-        return values + whole if self.whole else values
+            values = seconds_of(self.name, self.form, self.offset)
+        else:
+            values = pl.col(self.name).cast(pl.Float64, strict=False)
+            if self.bits:
+                values = values - 2.0**self.bits * (values >= 2.0 ** (self.bits - 1))
+            values = (values - self.offset) * self.scale
+        return values + self.whole.reading() if self.whole else values
 
     def numbers(self, frame: pl.DataFrame) -> NDArray[np.float64]:
         """The readings of some rows, (n,); NaN for cells that are no number, or too large for any quantity."""

@@ -68,7 +68,7 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, object]]:
     if clock and not clock.form and not clock.whole:
         units["time_unit"] = (
             "time",
-            {scale: unit for unit, scale in TIME_S.items() if unit != "100us"}.get(clock.scale, ""),
+            {scale: unit for unit, scale in TIME_S.items()}.get(clock.scale, ""),
         )
     for name, (role, unit) in units.items():
         if unit:

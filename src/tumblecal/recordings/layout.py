@@ -14,7 +14,8 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import pairs
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
-from tumblecal.recordings.clock_column import clock_among, clock_with_unit, letters_t
+from tumblecal.recordings.clock import rises
+from tumblecal.recordings.clock_column import clock_among, clock_with_unit
 from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, is_number
 from tumblecal.recordings.guesses import question
 from tumblecal.recordings.options import RecordingOptions
@@ -55,7 +56,9 @@ def layout_of(
     columns |= _singles(columns, free())
     if "time" not in columns and (clock := clock_among(first, free(), notes)):
         columns["time"] = clock
-    columns |= letters_t(first, columns, free(), notes)
+    letters = [name for name in free() if parsed(name).stem == ("t",) and not rises(readings([name])[:, 0])]
+    if "time" in columns and letters:
+        columns.setdefault("temperature", Column(letters[0], "", "name"))
     if lacking := [role for role in FORCE if role not in columns]:
         words = f"{', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; name them"
         raise question(path, words, [COLUMNS_OPTION])
@@ -72,7 +75,7 @@ def layout_of(
     fractions = (values != np.round(values)) & np.isfinite(values)
     columns, per_g = with_units(table, columns, options, notes, sizes, path, whole=not fractions.any())
     if "time" in columns:
-        clock = clock_with_unit(table, first, columns["time"], options, path, notes)
+        clock = clock_with_unit(table, first, columns["time"], free(), options, path, notes)
         columns = {role: column for role, column in {**columns, "time": clock}.items() if column is not None}
     return Layout(columns, per_g, sizes[0], tuple(notes))
 

@@ -22,8 +22,8 @@ class RecordingOptions:
         Unit of the angular rates: dps, rad/s, or counts for one dps. Default: as the file names it. Example: --gyro-unit
         131/dps.
     time_unit
-        Unit of the times: s, ms, us or ns. Default: as the file states it, otherwise by the sample rate. Example:
-        --time-unit us.
+        Unit of the times: s, ms, us, ns, 100us, min or h. Default: as the file states it, or as its sample rate gives it.
+        Example: --time-unit us.
     scale
         Factor of the readings after subtraction of --offset, one for all axes or one for each. Default: 1. Example:
         --scale ax=0.061,ay=0.060,az=0.061.

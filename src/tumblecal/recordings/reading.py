@@ -65,9 +65,8 @@ def read_recording(
                 zero_s = float(frame.select("time_s").slice(int(np.argmax(kept)), 1).collect().item())
             pieces = _retained(frame, kept, zero_s)
         if (clock := layout.columns.get("time")) and begin:
-            facts["begin_s"] = (
-                begin[0] + clock.offset * (DAY_S if clock.form else clock.scale) + table.zero_s() + zero_s
-            )
+            offset = sum(part.offset * (DAY_S if part.form else part.scale) for part in clock.parts)
+            facts["begin_s"] = begin[0] + offset + table.zero_s() + zero_s
         recording = replace(recording, samples=out, **facts)
         write_frames(out, pieces, schema, recording.comments)
     return recording

@@ -16,6 +16,7 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.formula_cells import column_from_text
 from tumblecal.ground.plain_text import CONTROLS
+from tumblecal.recordings.clock import DAY_S
 from tumblecal.recordings.columns import Column, Layout
 from tumblecal.recordings.damage import DamageRecord
 from tumblecal.recordings.table import Table
@@ -71,14 +72,14 @@ def sample_frames(
     **Raises:** `InputError` if there are no rows, if many cannot be read, or if negative numbers are written as unsigned ones.
     """
     named, columns = names_of(layout), layout.columns
-    wanted = [name for column in columns.values() for name in (column.name, column.whole) if name]
+    wanted = [part.name for column in columns.values() for part in column.parts]
     needed = [role for role in (*FORCE, *RATE, "time", *NUMBERS) if role in named]
     # Numbers too large for any quantity are damage, and would overflow the sums of squares.
     usual = [
         pl.col(named[role]).abs().fill_nan(np.inf) < (np.inf if role == "time" else LARGEST_NUMBER) for role in needed
     ]
     force = [columns[axis] for axis in FORCE]
-    seen = 0
+    seen, last, midnights = 0, 0.0, 0
     for piece in table.pieces(list(dict.fromkeys([*wanted, *more]))):
         frame = piece.select(
             (_label(columns[role].name) if role in LABELS else columns[role].reading()).alias(name)
@@ -92,6 +93,11 @@ def sample_frames(
             times = frame["time_s"].drop_nans()
             begin += [] if begin else times.filter(times.abs() < LARGEST_NUMBER).head(1).to_list()
             frame = frame.with_columns(pl.col("time_s") - (begin[0] if begin else np.nan))
+            if columns["time"].of_day:
+                # A time of day that falls by more than half a day has passed midnight.
+                known = pl.Series([last]).append(frame["time_s"].fill_nan(None)).forward_fill()
+                passed = (known.diff() < -DAY_S / 2).fill_null(value=False).cum_sum().slice(1) + midnights
+                frame, last, midnights = frame.with_columns(pl.col("time_s") + DAY_S * passed), known[-1], passed[-1]
         whole = frame.select(pl.all_horizontal(usual).fill_null(value=False)).to_series()
         places = piece[ROW] if ROW in piece.columns else pl.Series(np.arange(seen + 1, seen + len(piece) + 1))
         seen += len(piece)

@@ -23,14 +23,14 @@ _KNOWN = {"--unit": (_FORCE_UNITS, "g"), "--gyro-unit": (_RATE_UNITS, "dps")}
 # Names of units in files, as an option is written.
 AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
 PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
-# The units of numbers that are not whole, for one g; the last one is mm/s^2. Counts are whole.
-_NOT_COUNTS = {unit: UNITS_PER_G[unit] for unit in ("g", "mg", "m/s2")} | {"mm/s2": 1000 * UNITS_PER_G["m/s2"]}
 # Readings whose size is one g in some unit to within this factor have this unit; if several attitudes show the bias, within
 # the second.
 _LARGEST_RATIO, _LARGEST_RATIO_WITHOUT_BIAS = 1.3, 1.15
 # Size of readings with offsets to 0.6 g, relative to gravity.
 _SMALLEST, _LARGEST = 0.35, 1.9
 _FEWEST_ATTITUDES, _MOST_DISPERSION, _LARGEST_OFFSET = 6, 0.05, 0.8
+# Spread of a rest, and changes of lengths that need one, relative to the usual length.
+_REST, _MOST_CHANGES = 0.1, 0.4
 _WINDOWS, _FEWEST_ROWS, _MOST_ROWS = 2000, 12, 60
 # Bits of numbers, and relative distances of lengths from the usual one that are near it and far from it.
 _BITS, _NEAR, _FAR = (8, 10, 12, 14, 16, 18, 20, 24, 32), 0.7, 3.0
@@ -75,7 +75,7 @@ def with_units(
     size, changes, dispersion = sizes
     unit, per_g, why = _stated(columns, FORCE, options.unit, "--unit", path)
     if why == "name" and unit in ("", "counts"):
-        near = unit_by_size(size, without_bias=dispersion < changes, whole=whole)
+        near = unit_by_size(size, without_bias=dispersion < changes, whole=whole) if np.isfinite(dispersion) else ""
         if "a" in table.per_unit and not options.scale:
             per_g, why = table.per_unit["a"], "format"
         elif unit and "counts_per_g" in table.stated:
@@ -122,10 +122,11 @@ def unit_by_size(size: float, *, without_bias: bool = False, whole: bool = True)
     """
     if not size > 0:
         return ""
-    units = UNITS_PER_G if whole else _NOT_COUNTS
-    near, per = min(units.items(), key=lambda unit: abs(np.log(size / unit[1])))
+    near, per = min(UNITS_PER_G.items(), key=lambda unit: abs(np.log(size / unit[1])))
     ratio = _LARGEST_RATIO_WITHOUT_BIAS if without_bias else _LARGEST_RATIO
-    return (near if near in ("g", "mg", "m/s2") else f"{per:g}/g") if 1 / ratio < size / per < ratio else ""
+    counts = "" if near in ("g", "mg", "m/s2") else f"{per:g}/g"
+    # Counts are whole.
+    return counts * whole or near * (not counts) if 1 / ratio < size / per < ratio else ""
 
 
 def may_be_gravity(size: float, unit: str) -> bool:
@@ -163,7 +164,7 @@ def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
 
 def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
     """The size of gravity in readings (n, 3), the largest relative change of nine tenths of the lengths, and the relative
-    dispersion of the lengths about a bias.
+    dispersion of the lengths about a bias: infinite if they show no gravity, because they change and never rest.
 
     The size is the radius of the sphere through the means at rest if there is one, because a bias changes the median length;
     |m|^2 = 2 b.m + r^2 - |b|^2 is linear in the bias b.
@@ -188,7 +189,7 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
         if (np.linalg.norm(means - mean, axis=1) > 0.1 * usual).all():
             means = np.vstack([means, mean])
     # A sensor that moves all the time has no means at rest.
-    if len(means) >= _FEWEST_ATTITUDES and most < 0.1 * usual:
+    if len(means) >= _FEWEST_ATTITUDES and most < _REST * usual:
         matrix = np.column_stack([2 * means / usual, np.ones(len(means))])
         found, _, rank, _ = np.linalg.lstsq(matrix, ((means / usual) ** 2).sum(1), rcond=1e-6)
         radii = np.linalg.norm(means / usual - found[:3], axis=1)
@@ -196,4 +197,4 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
         near = dispersion < _MOST_DISPERSION and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all()
         if rank == len(found) and near:
             return radius * usual, changes, dispersion
-    return usual, changes, changes
+    return usual, changes, changes if most < _REST * usual or changes < _MOST_CHANGES else np.inf

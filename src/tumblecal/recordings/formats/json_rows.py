@@ -22,12 +22,15 @@ from tumblecal.recordings.table import Reader, Source, Table, tables_of_arrays
 
 _SEEN, _WHOLE_SHARE = 1000, 0.8
 _MOST_KINDS, _MOST_ITEMS = 12, 32
+# Rows that are in memory as objects; Python's garbage collection is slow with more.
+_AT_ONCE = 2000
 # Of each byte of a list of objects.
 _BYTES_IN_MEMORY = 10
 # Characters around the object of a line, also of a list with an object in each line.
 _AROUND = " \t\r,[]\ufeff"
+_DECODER = json.JSONDecoder()
 
-Row = dict[str, object]
+Row = Mapping[str, Any]
 # The numbers and texts (or objects) of the rows from the first on, in pieces.
 Pieces = Callable[[], Iterable[Sequence[tuple[int, str | Row]]]]
 
@@ -35,22 +38,34 @@ Pieces = Callable[[], Iterable[Sequence[tuple[int, str | Row]]]]
 def _recognised(path: object, head: bytes) -> bool:
     text = head.decode("utf-8-sig", "replace").lstrip()
     lines = text.splitlines()[:20]
-    rows = sum(bool(_row(line)) for line in lines)
-    return rows > _WHOLE_SHARE * (len(lines) - 1) if rows else bool(re.match(r'(\[\s*)?\{\s*"[^"]*"\s*:', text))
+    return bool(re.match(r'(\[\s*)?\{\s*"[^"]*"\s*:', text)) or sum(map(_is_row, lines)) > _WHOLE_SHARE * len(lines)
 
 
-def _flat(content: Mapping[str, object], most: int = 0, before: str = "") -> Row:
-    """The values in an object by their names, joined by dots; lists of up to `most` items are objects."""
-    row = Row()
-    for key, value in content.items():
-        if isinstance(value, list) and len(value) <= most:
-            value = dict(zip("xyz" if len(value) == 3 else map(str, range(1, most + 1)), value, strict=False))
-        row |= _flat(value, most, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
-    return row
+def _columns(rows: Sequence[Row], most: int, before: str = "") -> dict[str, list]:
+    """The values of objects by their names, joined by dots; lists of up to `most` items are objects."""
+    found: dict[str, list] = {}
+    for key in dict.fromkeys(chain.from_iterable(rows)):
+        values = [row.get(key) for row in rows]
+        if {dict, list} & {*map(type, values)}:
+            nested = [_items(value, most) for value in values]
+            found |= _columns(nested, most, f"{before}{key}.")
+            values = [None if own else value for own, value in zip(nested, values, strict=True)]
+        if {*map(type, values)} != {type(None)}:
+            found[f"{before}{key}"] = values
+    return found
+
+
+def _items(value: object, most: int) -> Row:
+    """The items of a value by their names; none for a single value."""
+    if isinstance(value, list) and len(value) <= most:
+        return dict(zip("xyz" if len(value) == 3 else map(str, range(1, most + 1)), value, strict=False))
+    return value if isinstance(value, dict) else {}
 
 
 def _loaded(text: str) -> Any:
-    content = json.loads(text)
+    content, end = _DECODER.raw_decode(text)
+    if end < len(text):
+        raise ValueError
     if "\\ud" in text:
         # A single half of a surrogate pair is not text.
         json.dumps(content, ensure_ascii=False).encode()
@@ -58,14 +73,14 @@ def _loaded(text: str) -> Any:
 
 
 def _row(given: str | Row) -> Row:
-    """The values of a row; none for a line that is not an object of values."""
+    """The object of a row; empty for a line that is no object of values."""
+    if not isinstance(given, str):
+        return given
     try:
-        content = _loaded(given.strip(_AROUND)) if isinstance(given, str) else given
-        row = _flat(content, _MOST_ITEMS) if isinstance(content, dict) else Row()
+        row = _loaded(given.strip(_AROUND))
     except (ValueError, RecursionError):
-        return Row()
-    values = {name: value for name, value in row.items() if not isinstance(value, list)}
-    return Row() if isinstance(given, str) and len(values) < len(row) else values
+        return {}
+    return row if isinstance(row, dict) else {}
 
 
 def _read(source: Source) -> list[Table]:
@@ -79,23 +94,20 @@ def _read(source: Source) -> list[Table]:
                 yield rows
             first += piece.count(b"\n")
 
-    seen = _seen(lines)
-    if sum(map(bool, seen)) > max(0, _WHOLE_SHARE * (len(seen) - 1)):
+    first = [_is_row(text) for _, text in _first(lines)]
+    if sum(first) > max(0, _WHOLE_SHARE * (len(first) - 1)):
         return _tables("", lines, "line")
     size = path.stat().st_size
     what = "objects of a list, or lists of an object,"
     require_size(path, what, _BYTES_IN_MEMORY * size, size, "write one object in each line")
     with opened(path) as file:
         try:
-            content = _loaded(file.read().decode("utf-8-sig"))
-            values = _flat(content if isinstance(content, dict) else {"": content})
+            content = _loaded(file.read().decode("utf-8-sig").strip())
+            values = _columns([content if isinstance(content, dict) else {"": content}], 0)
         except (ValueError, RecursionError) as error:
             raise damaged(path, "JSON file", error) from error
-    tables, arrays, lists = (
-        list[Table](),
-        dict[str, np.ndarray](),
-        {k: v for k, v in values.items() if isinstance(v, list)},
-    )
+    tables, arrays = list[Table](), dict[str, np.ndarray]()
+    lists = {name: value for name, (value,) in values.items() if isinstance(value, list)}
     of_objects = [name for name, own in lists.items() if own and all(isinstance(item, dict) for item in own)]
     for name, own in lists.items():
         if name in of_objects:
@@ -108,18 +120,23 @@ def _read(source: Source) -> list[Table]:
     raise InputError(f"{path}: {words}")
 
 
-def _seen(pieces: Pieces) -> list[Row]:
-    return [_row(given) for _, given in islice(chain.from_iterable(pieces()), _SEEN)]
+def _is_row(text: str | Row) -> bool:
+    """Whether a line is an object of values."""
+    columns = _columns([_row(text)], _MOST_ITEMS)
+    return bool(columns) and not any(isinstance(value, list) for (value,) in columns.values())
+
+
+def _first(pieces: Pieces) -> list[tuple[int, str | Row]]:
+    return list(islice(chain.from_iterable(pieces()), _SEEN))
 
 
 def _kinds(seen: Sequence[Row]) -> Callable[[Row], str]:
     """The kind of a row: the word in a field such as `sensor`, or the names that other rows do not have."""
     for name in seen[0]:
-        values = {row.get(name) for row in seen}
-        words = sum(isinstance(value, str) and not is_number(value) for value in values)
-        if words > 1 and len(values) <= _MOST_KINDS:
+        texts = {value for row in seen if isinstance(value := row.get(name), str)}
+        if len(texts) <= _MOST_KINDS and sum(not is_number(text) for text in texts) > 1:
             return lambda row: str(row.get(name, ""))
-    every = dict.fromkeys(name for row in seen for name in row)
+    every = dict.fromkeys(chain.from_iterable(seen))
     # An object without one of the names is of the same kind as an object with all names.
     one = any(len(row) == len(every) for row in seen)
     some = [] if one else [name for name in every if not all(name in row for row in seen)]
@@ -128,35 +145,33 @@ def _kinds(seen: Sequence[Row]) -> Callable[[Row], str]:
 
 def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
     """A table for each kind of object."""
-    if not (seen := [row for row in _seen(pieces) if row]):
+    if not (first := [row for _, given in _first(pieces) if (row := _row(given))]):
         return []
-    kind_of = _kinds(seen)
-    kinds = dict.fromkeys(map(kind_of, seen))
+    kind_of = _kinds(first)
 
     def table(kind: str) -> Table:
+        own = _columns([row for row in first if kind_of(row) == kind], _MOST_ITEMS)
         # A name that is only the letter of an axis gets the word of its kind as a prefix.
-        own = [row for row in seen if kind_of(row) == kind]
-        names = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for row in own for name in row}
-        numeric = {name for row in own for name, value in row.items() if isinstance(value, int | float)}
+        names = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for name in own}
+        numeric = {name for name, values in own.items() if any(isinstance(value, int | float) for value in values)}
+
+        def frame_of(piece: Sequence[tuple[int, str | Row]], schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame:
+            rows = [(line, row) for line, given in piece if not (row := _row(given)) or kind_of(row) == kind]
+            found, none = _columns([row for _, row in rows], _MOST_ITEMS), [None] * len(rows)
+            values = {column: found.get(names[column], none) for column in schema}
+            return pl.DataFrame(values, schema, strict=False).with_columns(
+                pl.Series(ROW, [line for line, _ in rows], pl.Int64)
+            )
 
         def frames(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
             schema = {column: pl.Float64 if names[column] in numeric else pl.String for column in columns}
             for piece in pieces():
-                lines, given = zip(*piece, strict=True)
-                rows = [
-                    (line, row)
-                    for line, row in zip(lines, map(_row, given), strict=True)
-                    if not row or kind_of(row) == kind
-                ]
-                frame = pl.DataFrame(
-                    {column: [row.get(names[column]) for _, row in rows] for column in schema}, schema, strict=False
-                )
-                yield frame.with_columns(pl.Series(ROW, [line for line, _ in rows], pl.Int64))
+                yield pl.concat([frame_of(piece[k : k + _AT_ONCE], schema) for k in range(0, len(piece), _AT_ONCE)])
 
         words = f"JSON, {len(names)} columns"
         return Table(" ".join(filter(None, (title, kind))), tuple(names), frames, words=words, row_word=row_word)
 
-    return [table(kind) for kind in kinds]
+    return [table(kind) for kind in dict.fromkeys(map(kind_of, first))]
 
 
 READER = Reader("JSON", _recognised, _read, rank=1)

@@ -22,7 +22,6 @@ from tumblecal.recordings.table import Reader, Source, Table
 _HEAD, _LINES, _FEWEST_LINES, _TEXT_SHARE = 1 << 16, 200, 2, 0.95
 # The first two rows of Empatica files: the time, s since 1970, and the rate, Hz, each in all columns.
 _MOMENT = r"\d{10}(\.\d*)?"
-_ROLES = {"SampleTimeFine": "time_100us"}
 # A cell without a number, as loggers write it.
 _MISSING = re.compile(r"^(\W{0,3}|nan|null|none|n/?a)$", re.IGNORECASE)
 # A number with a decimal comma, in two parts.
@@ -114,7 +113,11 @@ def _read(source: Source) -> list[Table]:
 
 
 def text_table(
-    source: Source, layout: TextLayout, statements: Mapping[str, str], name: str = "", roles: Mapping[str, str] = _ROLES
+    source: Source,
+    layout: TextLayout,
+    statements: Mapping[str, str],
+    name: str = "",
+    roles: Mapping[str, str] | None = None,
 ) -> Table:
     """The rows of a text with this layout; all cells are text. `roles`: quantities of some columns."""
     decimal = source.options.decimal
@@ -138,7 +141,7 @@ def text_table(
         words=layout.words() + (", decimal comma" if with_commas else ""),
         row_word="line",
         sheet=layout.header_line is not None,
-        roles={name: role for name, role in roles.items() if name in layout.names},
+        roles={name: role for name, role in (roles or {}).items() if name in layout.names},
     )
 
 

@@ -57,7 +57,7 @@ def header_of(
             names = row_of(text, separator_of([text]))
         roles = [role_of(name) for name in names]
         if clock and len(names) == width - 1:
-            names = ["monitor" if "time" in dict(roles) or {"t", "T"} & {*names} else "time", *names]
+            names = ["monitor" if "time" in dict(roles) or "T" in names else "time", *names]
         elif len(names) == width + 1 and _LABEL.fullmatch(names[0]):
             names = names[1:]
         elif len(names) == width + 1 and names[-1] == "Comment":
