@@ -164,7 +164,7 @@ def test_readings_far_from_any_fit_are_no_adequate_set_unless_its_rig_says_so(tu
     assert pl.read_csv(tmp_path / "two" / "summary.csv")["verdict"].to_list() == ["adequate", "unexplained"]
     for line, words in (
         ("beta = '0.6 g'", "usual.beta: no such"),
-        ("scatter = '-3 mg'", "usual.scatter: '-3 mg' is not"),
+        ("scatter = '-3 mg'", "usual.scatter: '-3 mg': must be above 0"),
     ):
         rig.write_text(f"{text}\n[usual]\n{line}\n")
         assert words in tumblecal(*command, "--out", tmp_path / "none").lines[-1]

@@ -183,7 +183,7 @@ def test_the_command_writes_what_calibrate_takes(tumblecal, tmp_path, monkeypatc
     )
     monkeypatch.setenv("COLUMNS", "60")
     outcome = tumblecal("reduce", path, "--out", tmp_path / "reduced")
-    assert outcome.code == 0 and "24 positions of 36000 samples" in outcome.out
+    assert outcome.code == 0 and "24 positions of 36000 samples" in " ".join(outcome.out.split())
     assert "…" not in outcome.out and "-707.1" in outcome.out
     positions = tmp_path / "reduced" / "positions.csv"
     content = json.loads((tmp_path / "reduced" / "reduction.json").read_text())
