@@ -129,17 +129,3 @@ def test_a_diagnosis_that_does_not_fit_is_one_line(tumblecal, folder, table1_fil
     assert outcome.code == 2 and len(outcome.lines) == 1, outcome.lines
     assert re.search(words, outcome.lines[0]), outcome.lines
     assert not (tmp_path / "b").exists()
-
-
-def test_contributions_that_contradict_the_covariance_are_refused(tumblecal, folder, table1_file, tmp_path):
-    (lab := tmp_path / "lab.toml").write_text(LAB)
-    path = folder()[0] / "calibration.json"
-    content = json.loads(path.read_text())
-    content["provenance"]["uncertainty_parts"]["explanations"]["bias_x"] *= 1.5
-    path.write_text(json.dumps(content))
-    outcome = tumblecal("budget", table1_file, lab, "--diagnosis", path, "--out", tmp_path / "b")
-    assert outcome.code == 2 and "contradicts the covariance of parameters" in outcome.lines[0]
-    content["provenance"]["uncertainty_parts"]["explanations"]["bias_x"] = "much"
-    path.write_text(json.dumps(content))
-    outcome = tumblecal("budget", table1_file, lab, "--diagnosis", path, "--out", tmp_path / "b")
-    assert outcome.code == 2 and "explanations.bias_x" in outcome.lines[0]

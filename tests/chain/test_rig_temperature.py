@@ -6,11 +6,9 @@ import pytest
 from tumblecal import InputError
 from tumblecal.chain import followings_of, nominal_chain, settings
 from tumblecal.chain.rig_file import read_rig
-from tumblecal.chain.rig_temperature import temperature_content
 from tumblecal.diagnosis.model.followed import already_followed
 from tumblecal.effects import catalogue
 from tumblecal.ground.soaks import soaks
-from tumblecal.ground.strict_toml import toml_lines
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
@@ -37,14 +35,6 @@ def test_reference_and_range_are_stated_or_of_the_data(tmp_path):
     assert functions("reference_degc = 20", [30.0, 60.0]).reference_degc == 20.0
     assert functions("", [30.0, 60.0]).range_degc == (30.0, 60.0)
     assert functions("range_degc = [-20, 80]", [30.0, 60.0]).range_degc == (-20.0, 80.0)
-
-
-def test_the_truth_does_not_depend_on_the_positions_asked_for(tmp_path):
-    truth = 'order = 2\ntruth = { x = ["0.1 mg/degC", "1 ug/degC^2"] }'
-    rig = rig_with(tmp_path, f"[temperature.bias]\n{truth}")
-    where = settings([0.0, 0.0], [0.0, 0.0], temperature_degc=[25.0, 35.0])
-    x, _, _ = np.asarray(rig.true_chain(where)(where)).T
-    assert x[1] - x[0] == pytest.approx(0.1e-3 * 10 + 1e-6 * 100, rel=1e-12)
 
 
 def test_soaks_are_groups_of_temperatures_with_larger_steps_between():
@@ -101,48 +91,6 @@ knots_degc = [10]
         "temperature.dtheta: a cubic spline has order 3; remove order, or knots_degc",
     ):
         assert words in text
-
-
-def test_faults_of_truth_knots_and_links(tmp_path):
-    with pytest.raises(InputError) as raised:
-        rig_with(
-            tmp_path,
-            """
-[chain]
-links = ["base", "spindle", "triad", "output"]
-[temperature.bias]
-order = 2
-truth = { x = ["1 mg/degC"], w = ["1 mg/degC", "1 mg/degC^2"], y = ["1 mg", "2 mg/degC^2"], z = ["1 mg/degC", "1 mg/degC"] }
-[temperature.gamma]
-knots_degc = [30, 10]
-[temperature.dtheta]
-order = 1
-""",
-        )
-    text = "\n".join(raised.value.faults)
-    for words in (
-        "temperature.bias.truth.x: 1 coefficients, but bias has 2 functions of temperature",
-        "temperature.bias.truth.w: no such component; bias has x, y, z",
-        "temperature.bias.truth.y.0: 'mg' cannot be converted to 'g/degC'",
-        "temperature.bias.truth.z.1: 'mg/degC' cannot be converted to 'g/degC^2'",
-        "temperature.gamma.knots_degc: the knots must increase",
-        "temperature.dtheta: chain.links has no link with this leaf",
-    ):
-        assert words in text
-    with pytest.raises(InputError, match="a list of soaks repeats a grid; state temperature_degc in each position"):
-        rig_with(tmp_path, "", "positions = [{ alpha_deg = 0, beta_deg = 0 }]\n")
-
-
-def test_the_tables_of_a_chain_describe_it(configs, tmp_path):
-    rig = read_rig(configs / "thermal_soaks.toml")
-    chain = rig.true_chain(rig.where)
-    text = (configs / "thermal_soaks.toml").read_text()
-    first, last = text.index("[temperature]"), text.index("[noise]")
-    path = tmp_path / "again.toml"
-    path.write_text(text[:first] + "\n".join(toml_lines({"temperature": temperature_content(chain)})) + text[last:])
-    again = read_rig(path)
-    assert again.temperature.range_degc == (0.0, 60.0)
-    np.testing.assert_allclose(again.true_chain(again.where).vector, chain.vector, rtol=1e-12)
 
 
 def test_effects_that_the_chain_includes_are_not_tested():

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tumblecal import InputError
-from tumblecal.ground.units import ATOMS, factor, quantity, shown
+from tumblecal.ground.units import ATOMS, factor, quantity
 
 
 @pytest.mark.parametrize(
@@ -58,10 +58,3 @@ def test_bad_quantities_say_why(text, target, words):
         quantity(text, target)
     if example := re.search("'([^']*)'$", str(refused.value)):
         assert math.isfinite(quantity(example[1], target))
-
-
-def test_shown_units():
-    assert [shown(unit) for unit in ("rad", "g", "1")] == [("mrad", 1e3), ("mg", 1e3), ("1e-3", 1e3)]
-    assert shown("degC") == ("degC", 1.0)
-    unit, times = shown("g/s")
-    assert times == pytest.approx(factor("g/s", unit), rel=1e-15)

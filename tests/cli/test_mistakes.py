@@ -242,24 +242,5 @@ def test_a_mistake_is_one_line(tumblecal, tmp_path, monkeypatch, command, words)
     assert outcome.out == "" and sorted(tmp_path.rglob("*")) == before
 
 
-FOLDERS = {
-    "calibrate run": "run: the folder of a capture; give run/positions.csv of this command: tumblecal reduce run",
-    "reduce run --static": "For its position means, run: tumblecal reduce run",
-    "import run --out x.csv": "For its samples, give run/raw.log",
-    "decode run": "run: a folder; give a file of bytes, such as run/raw.log",
-    "diagnose reduced": "reduced: a folder; give the file, reduced/positions.csv",
-}
-
-
-def test_a_folder_says_which_of_its_files_to_give(tumblecal, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("run/journal.log", "run/raw.log", "reduced/positions.csv"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(FILES["good.csv"])
-    for command, words in FOLDERS.items():
-        outcome = tumblecal(*command.split())
-        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0], outcome
-
-
 def test_there_are_eighty():
     assert len(MISTAKES) >= 80

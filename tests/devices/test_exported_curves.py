@@ -1,7 +1,5 @@
 """Curves of temperature in every target, by its own formula (tests/device_formulas.py) next to apply."""
 
-import json
-import re
 import shutil
 import subprocess
 
@@ -10,7 +8,7 @@ import pytest
 from test_targets import FORMULAS, MAIN, TERMS, G, applied, attitudes
 
 from tumblecal import InputError
-from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, triad_of
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves, order_of_covariance
 from tumblecal.devices import TARGETS, Export, losses, read_any
@@ -157,35 +155,3 @@ def test_curves_and_tables_are_read_again(tmp_path, name, step):
     if name != "c-header" or step is None:
         with pytest.raises(InputError, match=r"file: "):
             read_any(f"{name}:{path}", G)
-
-
-def test_export_of_curves_on_the_command_line(tumblecal, tmp_path):
-    path = tmp_path / "calibration.json"
-    write_calibration(path, unit("cubic"))
-    csv = tumblecal("export", path, "--to", "csv", "--temperatures", "0:60", "--table-step", "20")
-    rows = [line.split(",") for line in csv.out.splitlines() if line[0] != "#"]
-    assert [row[0] for row in rows] == ["temperature_degc", "0.0", "20.0", "40.0", "60.0"]
-    column = rows[0].index("bias_x_g")
-    np.testing.assert_allclose(
-        [float(row[column]) for row in rows[1:]], at("cubic", np.array([0.0, 20, 40, 60]))[:, 3], rtol=1e-12
-    )
-    assert float(rows[1][column + 1]) == pytest.approx(np.hypot(1e-5, 1e-4 / np.sqrt(3)))  # noise and hysteresis
-    assert any("lost: temperature (linear interpolation between 4 rows), from 0 to 60 degC" in x for x in csv.lines)
-    (line,) = [x for x in tumblecal("export", path, "--to", "ros", "--at", "40").lines if x.startswith("lost: ")]
-    assert re.match(
-        r"lost: temperature \(all parameters: values at 40 degC\), from -10 to 60 degC: up to [\d.]+ mg", line
-    )
-    px4 = tumblecal("export", path, "--to", "px4", "--at", "40").out
-    assert "TC_A0_TREF\t40\t" in px4 and "TC_A0_TMIN\t-10\t" in px4 and "TC_A0_TMAX\t60\t" in px4
-    header = tumblecal("export", path, "--to", "c-header", "--at", "40").out
-    assert "temperature_degc" not in header
-    stated = json.loads(tumblecal("export", path, "--to", "json").out)["temperature"]
-    assert stated == json.loads(path.read_text())["temperature"]
-    for options, words in (
-        (["--to", "ros", "--at", "90"], "--at 90: outside the range of -10 to 60 degC; widen --temperatures"),
-        (["--to", "csv", "--table-step", "1e-3"], "more than 2000 rows; give a longer step"),
-    ):
-        outcome = tumblecal("export", path, *options)
-        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
-    outcome = tumblecal("export", path, "--to", "ros", "--table-step", "2")
-    assert any("--table-step 2.0: no effect on the export" in line for line in outcome.lines)

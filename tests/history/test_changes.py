@@ -89,15 +89,6 @@ def test_further_changes_and_a_deviating_result_are_found():
     assert set(changes) == {"bias_x", "bias_y", "gamma_31"}
 
 
-def test_equal_results_without_uncertainties_are_stable():
-    """Values of a data sheet: no dispersion at all, then a step."""
-    entries = unit(np.random.default_rng(1), 5)
-    for entry in entries:
-        entry.parameters.values[:] = entries[0].parameters.values
-        entry.parameters.covariance[:] = 0.0
-    assert not words_of_history("A-17", unit_history(entries, PAPER_LIMITS), 0.05).pairs("findings")
-
-
 def test_what_a_history_states(snapshot):
     """The change, what to do and when to recalibrate; a step that may be a drift; results that are too few for a change."""
     order, texts = np.arange(6), {}

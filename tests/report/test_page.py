@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 from reading_html import Cells
 
-from tumblecal.data import paper
 from tumblecal.show.figures.drawing import new_panel
-from tumblecal.show.figures.paper import FIGURES
 from tumblecal.show.page import write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.verdict import Finding, Unresolved, Verdict
@@ -76,17 +74,6 @@ def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
     assert document.count("<h2>") >= 3
 
 
-def test_the_first_screen_is_a_headline_cards_and_what_to_run(page):
-    text = page.read_text(encoding="utf-8")
-    body = text[text.index("<body") :]
-    assert "by the input of the paper" in body[: body.index('class="cards"')] and "ADEQUATE" in body
-    cards = body[body.index('class="cards"') : body.index("<nav>")]
-    assert cards.count("<article") == 4 and "tumblecal calibrate" in cards
-    titles = re.findall("<h2>(.*?)</h2>", body)
-    assert titles[0] == "Audit of Table 1" and titles.index("Simulation: the paper&#39;s figures 4 to 9") > 3
-    assert len(re.sub("<[^>]+>", " ", cards).split()) < 150
-
-
 def spark():
     figure, panel = new_panel(1.55, 3.9)
     panel.plot([0, 1])
@@ -146,29 +133,6 @@ def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium,
     assert seen["wide"] <= 0 and seen["tops"] == sorted(seen["tops"]) and len({*seen["tops"]}) == 3
 
 
-def test_the_exact_line_lies_above_kalman_s_and_bands_are_named(study):
-    drawn = [figure_of(study) for figure_of in FIGURES.values()]
-    assert len(drawn) == 6
-    for figure in drawn:
-        for axes in figure.axes:
-            lines = {line.get_label(): line for line in axes.lines}
-            exact, kalman = lines["exact"], lines["Kalman"]
-            assert list(axes.lines).index(exact) > list(axes.lines).index(kalman)
-            assert exact.get_linewidth() < kalman.get_linewidth() and exact.is_dashed()
-        told = [text.get_text() for text in figure.legends[0].get_texts()]
-        assert any(words.startswith("2 sd of") for words in told)
-
-
-def test_study_json_is_complete(page):
-    content = json.loads((page.parent / "study.json").read_text(encoding="utf-8"))
-    assert content["simulation"]["sets"] == 600
-    assert set(content["simulation"]["parameters"]) == set(paper.SIMULATION_TRUTH)
-    published = content["audit"]["explanations"][1]
-    assert published["p_value"] < 1e-60
-    assert content["table1"]["methods"]["exact"]["sigma_g"] == pytest.approx(0.0978e-3, abs=5e-8)
-    assert content["table2"]["dK_x"] == pytest.approx([-0.000356964770523, -0.000149857625963, -0.000388360211397])
-
-
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
     cells = Table(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]], text=(0,))
     script = replace(NOTHING, evidence=("<script>alert(1)</script>",))
@@ -194,25 +158,3 @@ def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
     words = layout("Title", "", *((f"Part {k}", [["[table rows]"]]) for k in range(5)))
     write_page(tmp_path / "p.html", words, NOTHING, tables={"rows": table})
     assert chromium.printed(tmp_path / "p.html") == 3
-
-
-@pytest.mark.long
-def test_dark_and_folded(chromium, tmp_path):
-    """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
-    long = Table(["", "value"], [[f"row {k}", "1"] for k in range(30)])
-    drawn = replace(long, rows=long.rows[:2], folded=True)
-    words = layout("Long", "", ("Numbers", [["[table long]"], ["[table drawn]"]]))
-    write_page(tmp_path / "long.html", words, NOTHING, tables={"long": long, "drawn": drawn})
-    text = (tmp_path / "long.html").read_text(encoding="utf-8")
-    assert (
-        "<summary>all 30 rows</summary>" in text
-        and "<summary>all 2 rows</summary>" in text
-        and "details::details-content" in text
-    )
-    probe = "<script>addEventListener('load', () => document.title = getComputedStyle(document.body).backgroundColor)</script>"
-    (tmp_path / "probe.html").write_text(text.replace("</body>", probe + "</body>"), encoding="utf-8")
-    shown = {
-        name: re.search("<title>(.*?)</title>", chromium(*flags, "--dump-dom", (tmp_path / "probe.html").as_uri()))[1]
-        for name, flags in {"dark": ["--blink-settings=preferredColorScheme=0"], "light": []}.items()
-    }
-    assert shown == {"dark": "rgb(22, 22, 22)", "light": "rgb(255, 255, 255)"}
