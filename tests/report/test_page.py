@@ -1,17 +1,15 @@
 """The page of the paper's study, opened in a real browser."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from reading_html import Cells
 
-from tumblecal.show.figures.drawing import new_panel
 from tumblecal.show.page import write_page
 from tumblecal.show.tables import Table
-from tumblecal.show.verdict import Finding, Unresolved, Verdict
+from tumblecal.show.verdict import Verdict
 from tumblecal.show.words import SectionWords, Words
 
 
@@ -72,65 +70,6 @@ def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
         if row
     )
     assert document.count("<h2>") >= 3
-
-
-def spark():
-    figure, panel = new_panel(1.55, 3.9)
-    panel.plot([0, 1])
-    return figure
-
-
-LONG = "second_order.z or cross_axis_square.z"
-RECORD = Verdict(
-    "ambiguous",
-    "Two errors found; the cause of one is not resolved.",
-    "measured.csv",
-    "yes, from 24 to 26.5 degC only: a dependence on temperature outside this range was not measured",
-    found=(
-        Finding("Second-order nonlinearity of the z axis", "0.532 +- 0.062 mg/g^2", "second_order.z"),
-        Finding("The bias of the x axis drifts steadily during the measurement", "0.297 +- 0.054 mg/h", "bias_drift.x"),
-    ),
-    unresolved=(
-        Unresolved(LONG, "the same function in a 1 g field: no measurement in gravity distinguishes them", (1,)),
-        Unresolved("bias_drift.x or warm_up", "time and temperature are fully correlated in these data (r = 1.00)", (2,)),
-    ),
-    evidence=("Nominal model rejected, p = 3.1e-13.", "Probability 0.96.", "Held-out error 0.141 -> 0.103 mg."),
-    next=(
-        "Measure next, to separate the leading explanations: alpha 0, 180 at beta 0, directly after this measurement.",
-        "tumblecal capture diagnosis/next_positions.toml --out next --port PORT",
-        "tumblecal diagnose --join --same-run measured.csv next/positions.csv --noise-sd 0.1mg --out again",
-        *(f"Instruction {k} of many that are about as long as a line of the verdict is on a terminal." for k in range(20)),
-        "second_order.z: Apply the quadratic term.",
-    ),
-)  # fmt: skip
-PLACES = """<script>window.addEventListener("load", () => {
-  const cards = [...document.querySelectorAll(".card")].map(card => card.getBoundingClientRect());
-  document.title = JSON.stringify({bottoms: cards.map(box => box.bottom), tops: cards.map(box => box.top),
-    wide: document.documentElement.scrollWidth - document.documentElement.clientWidth});})</script>"""
-
-
-def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium, tmp_path):
-    """1280 x 800: all cards end above the fold. 375 px wide: both findings, the action card, and no horizontal scroll."""
-    words = layout("Diagnosis", "48 positions.", found=[["", "", "", "spark"]] * 2)
-    write_page(tmp_path / "p.html", words, RECORD, tone="open", figures={"spark": spark})
-    text = (tmp_path / "p.html").read_text(encoding="utf-8")
-    assert "0.532 ± 0.062 mg/g²" in text and "24 to 26.5 °C" in text and "0.141 → 0.103 mg" in text
-    # Nothing twice; commands as they are pasted; what belongs to a finding is on its card.
-    pasted = re.sub("</?kbd>", "", text)
-    for words in (LONG, "bias_drift.x or warm_up", "--same-run measured.csv", "Instruction 19"):
-        assert pasted.count(words) == 1, words
-    cards = re.findall(r"<article.*?</article>", text, re.S)
-    assert "Apply the quadratic term" in cards[0] and "Instruction 19" in cards[2].partition("<details>")[2]
-    (tmp_path / "wide.html").write_text(text.replace("</body>", PLACES + "</body>"), encoding="utf-8")
-    seen = json.loads(chromium.title(tmp_path / "wide.html", "--window-size=1280,800"))
-    assert len(seen["bottoms"]) == 3 and max(seen["bottoms"]) < 800 and len({*seen["tops"]}) == 1 and seen["wide"] <= 0
-    # A window is at least 500 px wide; a frame may be narrower.
-    frame = (
-        "<iframe src='wide.html' width=375 height=800 onload='document.title = this.contentDocument.title'></iframe>"
-    )
-    (tmp_path / "narrow.html").write_text(f"<html><body>{frame}</body></html>", encoding="utf-8")
-    seen = json.loads(chromium.title(tmp_path / "narrow.html", "--allow-file-access-from-files"))
-    assert seen["wide"] <= 0 and seen["tops"] == sorted(seen["tops"]) and len({*seen["tops"]}) == 3
 
 
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
