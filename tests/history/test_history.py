@@ -59,6 +59,7 @@ def results(count, *, drift_a_month=0.0, extra=0.0, days=30.4375, own=None):
     return entries
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_calibrate_and_diagnose_keep_what_they_wrote(tumblecal, tmp_path, table1):
     path, base = tmp_path / "lab.db", tmp_path / "data.csv"
     write_positions(
