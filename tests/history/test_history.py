@@ -135,6 +135,7 @@ def test_table2_s_runs_are_within_the_paper_s_limits_and_too_few_for_a_change(tu
     assert judged.repeats[1].largest == pytest.approx(max(np.ptp(table[f"bias_{axis}"]) for axis in "xyz"))
 
 
+@pytest.mark.long
 def test_e_n_beyond_1_are_as_many_as_k_says():
     en = [trend.en for _ in range(40) for trend in unit_history(results(5), PAPER_LIMITS).trends]
     assert np.mean(np.abs(en) > 1) == pytest.approx(

@@ -16,10 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import stated_sd
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [pytest.param(kind, marks=() if kind == "white, flicker, walk" else pytest.mark.long) for kind in stated_sd.NOISES],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("kind", stated_sd.NOISES)
 def test_stated_sd_is_the_scatter_of_neighbours(kind: str) -> None:
     """Over 18 recordings of 60 s dwells and as many axes each; before: 1.06 to 1.53, and 0.55 for Gauss-Markov noise."""
     recordings = [stated_sd.honesty(*stated_sd.recorded(kind, seed)) for seed in range(18)]
