@@ -210,19 +210,6 @@ def test_update_is_that_of_bayes():
     assert record["process_noise"]["months"] == 6.0 and record["freed"] == []
 
 
-def test_changed_sensor_is_not_updated_unless_its_parameter_is_free():
-    change = np.zeros(9)
-    change[3] = 4e-3
-    result = check(calibration(), FILE, by_hand(VALUES + change, noise(7)))
-    with pytest.raises(InputError, match=r"contradicts the calibration .*--free"):
-        updated(result.test, NONE, (), {})
-    with pytest.raises(InputError, match="even with bias_y free"):
-        updated(result.test, NONE, ("bias_y",), {})
-    made = updated(result.test, NONE, ("bias_x",), {})
-    assert made.calibration.sensor.values[3] == pytest.approx(VALUES[3] + 4e-3, abs=4 * made.sd[3])
-    assert made.sd[3] < 2 * SD and not made.calibration.use.refused
-
-
 def curved():
     functions = TemperatureFunctions(1, reference_degc=25.0, range_degc=(0.0, 60.0))
     curve = Curve("bias_x", functions, np.array([1e-4]))

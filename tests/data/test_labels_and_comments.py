@@ -76,18 +76,6 @@ def test_no_row_is_lost_as_a_comment(tmp_path):
     assert len(read_positions(written(path, *rows[:2], *rows[3:]))) == 3
 
 
-@pytest.mark.parametrize("name", ["time_s", "temperature_degc", "approach", "n", "ax_sd_g,ay_sd_g,az_sd_g"])
-def test_columns_that_are_empty_throughout_are_none(tmp_path, name):
-    """Of sd columns all or none."""
-    empty = "," * name.count(",")
-    data = read_positions(with_labels(tmp_path / "a.csv", name, *[empty] * 3))
-    assert data.temperature_degc is None and data.sd is None and data.n is None and data.approach is None
-    (fault,) = faults(with_labels(tmp_path / "a.csv", "temperature_degc", "", "20", "20"))
-    assert "line 2, column temperature_degc: the cell is empty" in fault
-    (fault, *_) = faults(with_labels(tmp_path / "a.csv", "ax_sd_g,ay_sd_g,az_sd_g", *["1e-4,,1e-4"] * 3))
-    assert "line 2, column ay_sd_g: the cell is empty" in fault
-
-
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize(
     ("name", "meant"),

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from test_targets import FORMULAS, MAIN, TERMS, G, applied, attitudes
 
-from tumblecal import InputError
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, triad_of
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves, order_of_covariance
-from tumblecal.devices import TARGETS, Export, losses, read_any
+from tumblecal.devices import TARGETS, Export, losses
 from tumblecal.ground.gravity import Gravity
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
@@ -126,32 +125,3 @@ def test_the_header_in_c_agrees_to_rounding_and_keeps_the_ends(tmp_path, real, t
         expected = own.corrected(readings, np.clip(degc, *SPAN))
     clear = np.abs(expected[:, 1]) > 0.01
     np.testing.assert_allclose(np.frombuffer(out).reshape(-1, 3)[clear], expected[clear], rtol=0, atol=tolerance)
-
-
-@pytest.mark.parametrize("step", [None, 3.3])
-@pytest.mark.parametrize("name", ["json", "csv", "c-header"])
-def test_curves_and_tables_are_read_again(tmp_path, name, step):
-    own = unit("spline")
-    (path := tmp_path / "file").write_text(exported(name, own, table_step_degc=step)[0])
-    back = read_any(f"{name}:{path}", G)
-    width = step or 5.0
-    rows = np.append(np.arange(-10.0, 60.0 - 1e-9, width), 60.0)
-    exact = name == "json" or (name == "c-header" and step is None)
-    degc = np.linspace(*SPAN, 97) if exact else rows
-    force = attitudes(len(degc))
-    np.testing.assert_allclose(back.corrected(readings_of("spline", force, degc), degc), force, atol=1e-12)
-    if not exact:
-        middle = (rows[1:] + rows[:-1]) / 2
-        force = np.zeros((len(middle), 3))
-        error = back.corrected(readings_of("spline", force, middle), middle)
-        chord = at("spline", middle)[:, 3:6] - (at("spline", rows)[1:, 3:6] + at("spline", rows)[:-1, 3:6]) / 2
-        assert 1e3 * np.max(np.abs(error)) == pytest.approx(1e3 * np.max(np.abs(chord)), rel=0.02)
-        loss = next(loss for loss in exported(name, own, table_step_degc=step)[1] if "interpolation" in loss.what)
-        assert loss.mg == pytest.approx(1e3 * np.max(np.abs(chord)), rel=0.05)
-    if name == "json":
-        np.testing.assert_array_equal(back.temperature.covariance, own.temperature.covariance)
-    for old, new in (('"order": 3', '"order": 9'), ("bias_x_g", "bias_x"), ("table[", "tables[")):
-        path.write_text(path.read_text().replace(old, new))
-    if name != "c-header" or step is None:
-        with pytest.raises(InputError, match=r"file: "):
-            read_any(f"{name}:{path}", G)
