@@ -20,6 +20,7 @@ from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.log import RecordKind, read_log
 from tumblecal.capture.port.recording import Recording
+from tumblecal.capture.port.transport import Port
 from tumblecal.capture.protocols import protocol
 from tumblecal.ground.errors import InputError
 
@@ -186,6 +187,55 @@ def test_the_recorder_ends_when_its_parent_is_gone(tmp_path: Path) -> None:
     process.stdout.close()
     assert events(tmp_path / "raw.log")[-1]["event"] == "stopped"
     rig.instrument.port.unplug()
+
+
+def test_what_is_no_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import serial
+
+    def refuse(self: serial.Serial) -> None:
+        raise serial.SerialException(13, "could not open port: [Errno 13] Permission denied")
+
+    with pytest.raises(InputError, match="there is no such device"):
+        Recording(tmp_path / "raw.log", str(tmp_path / "ttyNONE"), 9600)
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="not a serial device"):
+        Port(str(tmp_path / "file"), 9600)
+    with pytest.raises(InputError, match=r"port socket://127.0.0.1:1: cannot be opened \("):
+        Port("socket://127.0.0.1:1", 9600)
+    rig = Rig(tmp_path)
+    monkeypatch.setattr(serial.Serial, "open", refuse)
+    with pytest.raises(InputError, match=r"no permission; the device belongs to the group \S+: `sudo usermod -aG"):
+        Port(str(tmp_path / "imu"), 9600)
+    rig.instrument.port.unplug()
+
+
+HOLD = """
+import os, sys
+from tumblecal.capture.port.transport import Port
+master, slave = os.openpty()
+other_end = os.open(os.ttyname(slave), os.O_RDWR | os.O_NOCTTY)
+if os.fork() == 0:
+    held = Port(os.ttyname(slave), 9600)
+    print(os.getpid(), os.ttyname(slave), flush=True)
+    sys.stdin.read()
+    os._exit(0)
+os.close(other_end)
+os.wait()
+"""
+
+
+def test_holder_is_who_locked_the_port(tmp_path: Path) -> None:
+    """The other end of a virtual port has it open as well; it is not the one to end."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdin is not None and process.stdout is not None
+    holder, url = process.stdout.readline().split()
+    with pytest.raises(InputError, match=rf"in use by \S+ \(process {holder}\)"):
+        Port(url, 9600)
+    process.stdin.close()
+    process.stdout.close()
+    assert process.wait(600) == 0
 
 
 def test_full_disk_stops_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
