@@ -114,3 +114,14 @@ def test_work_is_shown_on_a_terminal(table1_file, tmp_path):
     os.close(leader)
     assert run.returncode == 0 and b"calibrating" in shown
     assert b"24 positions" in shown and b" ms tumblecal." in shown
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+def test_closed_standard_streams_cost_no_result(tmp_path, closed):
+    """As services and cron start it: the files are complete, and no line of output is in them."""
+    (tmp_path / "log.csv").write_text("time_s,ax_g,ay_g,az_g\n" + "".join(f"{k / 100},0,0,1\n" for k in range(50)))
+    command = f"{sys.executable} -m tumblecal import log.csv --out out.csv {closed}"
+    done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0 and "Traceback" not in done.stderr
+    lines = [line for line in (tmp_path / "out.csv").read_text().splitlines() if line[0] != "#"]
+    assert lines[0] == "time_s,ax_g,ay_g,az_g" and len(lines) == 51
