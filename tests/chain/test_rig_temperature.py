@@ -6,9 +6,11 @@ import pytest
 from tumblecal import InputError
 from tumblecal.chain import followings_of, nominal_chain, settings
 from tumblecal.chain.rig_file import read_rig
+from tumblecal.chain.rig_temperature import temperature_content
 from tumblecal.diagnosis.model.followed import already_followed
 from tumblecal.effects import catalogue
 from tumblecal.ground.soaks import soaks
+from tumblecal.ground.strict_toml import toml_lines
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
@@ -91,6 +93,18 @@ knots_degc = [10]
         "temperature.dtheta: a cubic spline has order 3; remove order, or knots_degc",
     ):
         assert words in text
+
+
+def test_the_tables_of_a_chain_describe_it(configs, tmp_path):
+    rig = read_rig(configs / "thermal_soaks.toml")
+    chain = rig.true_chain(rig.where)
+    text = (configs / "thermal_soaks.toml").read_text()
+    first, last = text.index("[temperature]"), text.index("[noise]")
+    path = tmp_path / "again.toml"
+    path.write_text(text[:first] + "\n".join(toml_lines({"temperature": temperature_content(chain)})) + text[last:])
+    again = read_rig(path)
+    assert again.temperature.range_degc == (0.0, 60.0)
+    np.testing.assert_allclose(again.true_chain(again.where).vector, chain.vector, rtol=1e-12)
 
 
 def test_effects_that_the_chain_includes_are_not_tested():

@@ -1,10 +1,12 @@
 """Functions of temperature: nested, orthonormal over the range, zero at the reference; splines against scipy."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
@@ -44,3 +46,18 @@ def test_jax_and_numpy_agree():
     degc = np.linspace(0.0, 40.0, 9)
     assert np.allclose(np.asarray(functions.orthonormal(jnp.asarray(degc))), functions.orthonormal(degc), atol=1e-14)
     assert np.asarray(TemperatureFunctions(0, 20.0, (0.0, 40.0)).values(jnp.asarray(degc))).shape == (0, 9)
+
+
+@pytest.mark.parametrize(
+    ("order", "knots", "range_degc", "words"),
+    [
+        (6, (), (0.0, 40.0), "must be 0 to 5"),
+        (2, (10.0,), (0.0, 40.0), "a cubic spline has order 3"),
+        (3, (10.0, 10.1), (0.0, 40.0), "must increase within the range"),
+        (3, (50.0,), (0.0, 40.0), "must increase within the range"),
+        (1, (), (40.0, 40.0), "must be below the highest"),
+    ],
+)
+def test_impossible_functions_are_rejected(order, knots, range_degc, words):
+    with pytest.raises(InputError, match=words):
+        TemperatureFunctions(order, 20.0, range_degc, knots)

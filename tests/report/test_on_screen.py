@@ -1,7 +1,9 @@
 """What Python and a notebook show of a result: one screen, a table of its numbers, and a figure."""
 
 from html import escape
+from types import SimpleNamespace
 
+import numpy as np
 import polars as pl
 import pytest
 from matplotlib.figure import Figure
@@ -9,7 +11,7 @@ from matplotlib.figure import Figure
 import tumblecal
 from tumblecal.estimation import problem_of
 from tumblecal.estimation.methods import all_methods
-from tumblecal.ground.showing import Screen
+from tumblecal.ground.showing import Screen, brief
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +57,10 @@ def test_a_long_table_ends_after_24_rows_and_columns_are_aligned():
     html = screen.html("<svg>drawn</svg>")
     assert html.count("<tr>") == 25 and "27 &lt;rows&gt;" in html and "a &amp; b" in html and more in html
     assert html.endswith("<svg>drawn</svg></div></div>") and Screen("nothing").text() == "nothing"
+
+
+def test_objects_of_large_arrays_are_one_line():
+    long = SimpleNamespace(__dataclass_fields__={}, a=0)
+    long.__dataclass_fields__ = dict.fromkeys(("array", "many", "few", "made", "text"))
+    long.array, long.many, long.few, long.made, long.text = np.zeros((3, 2)), [1] * 9, (1, 2), len, "x" * 300
+    assert brief(long) == "SimpleNamespace(array: float64[3, 2], many: 9 items, few: (1, 2), made: function, text: str)"
