@@ -21,7 +21,7 @@ _theirs = jaxtyping.jaxtyped
 
 def begin() -> None:
     """Let what jaxtyping's import hook decorates be checked so."""
-    jaxtyping.jaxtyped = _jaxtyped
+    jaxtyping.jaxtyped = jaxtyped
 
 
 def checked(function: Callable) -> Callable:
@@ -29,9 +29,9 @@ def checked(function: Callable) -> Callable:
     return beartype(function, conf=_CONF)
 
 
-def _jaxtyped(decorated: Any = None, *, typechecker: Any) -> Any:
+def jaxtyped(decorated: Any = None, *, typechecker: Any) -> Any:
     if decorated is None:
-        return partial(_jaxtyped, typechecker=typechecker)
+        return partial(jaxtyped, typechecker=typechecker)
     if dataclasses.is_dataclass(decorated):
         if isinstance(decorated.__init__, FunctionType) and not hasattr(decorated.__init__, "__wrapped__"):
             decorated.__init__ = _within_context(decorated.__init__)

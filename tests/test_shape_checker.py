@@ -1,15 +1,15 @@
-"""The session's checks of shapes and types see what they are for."""
+"""The checks of shapes and types of the long job see what they are for."""
 
 from dataclasses import dataclass
 
-import jaxtyping
 import numpy as np
 import pytest
 from jaxtyping import Float, TypeCheckError
 
+import shape_checker
 
-pytestmark = pytest.mark.long
-decorated = jaxtyping.jaxtyped(typechecker=None)
+
+decorated = shape_checker.jaxtyped(typechecker=None)
 
 
 @decorated

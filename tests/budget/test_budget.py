@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import gimbal_bounds as gimbal
-from tumblecal import InputError
 from tumblecal.budget.budget import budget_of
 from tumblecal.budget.columns import sensitivity_to_readings
 from tumblecal.budget.monte_carlo import monte_carlo
@@ -90,13 +89,6 @@ def test_each_shift_is_that_of_a_fit_to_changed_readings(table1, stated, lab):
     assert np.flatnonzero(np.abs(shift["gravity"][:, 0]) > 1e-7).tolist() == [0, 1, 2]  # all scale factors alike
 
 
-def test_the_readings_floor_is_noise_by_another_name(table1, lab):
-    """Independent readings of 0.1 and 0.05 mg are readings of their root sum of squares."""
-    both = exact.fit(problem_of(table1, noise_sd=float(np.hypot(0.1e-3, 0.05e-3))))
-    floor = lab.shifts[[given.label for given in lab.inputs].index("floor")]
-    np.testing.assert_allclose(lab.fit.covariance + floor @ floor.T, both.covariance, rtol=1e-5, atol=1e-16)
-
-
 def test_readings_of_correlated_noise_have_their_own_gain(table1):
     """What a changed reading does to the fit under covariances between positions, by fitting again."""
     rng = np.random.default_rng(5)
@@ -158,29 +150,6 @@ def test_correlated_noise_is_drawn_as_it_is_counted(table1):
     np.testing.assert_allclose(trials.sd, made.combined, rtol=0.1)
     alone = replace(made, fit=replace(made.fit, problem=problem.independent))
     assert np.any(np.abs(monte_carlo(alone, 1000, seed=4).sd / made.combined - 1) > 0.2)  # the test can fail
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ('a = { what = "base_leveling", size = "1 mrad" }', "did you mean base_levelling"),
-        ('a = { what = "base_levelling", size = "1 mg" }', "their dimensions differ"),
-        ('a = { what = "base_levelling", size = "0 mrad" }', "must be above 0"),
-        ('a = { adds_to = "dK", size = "10" }', "a: '10' has no unit; write for example '10 ppm'"),
-        (
-            'a = { what = "gravity_value", size = "1e300 ppm" }',
-            r"a: size '1e300 ppm' makes a standard .* check its unit",
-        ),
-        ('a = { what = "dbeta", size = "1 mrad" }', "dbeta is fitted"),
-        ('a = { adds_to = "gain", size = "1 mg" }', "no fitted parameter"),
-        ('a = { what = "bias_drift", size = "1 mg/h" }', "bias_drift.x: the data have no column time_s"),
-        ('a = { what = "reading", size = "1 mg" }\nb = { what = "reading.x", size = "1 mg" }', "twice"),
-    ],
-)
-def test_inputs_that_are_none_are_one_line(stated, text, words):
-    with pytest.raises(InputError, match=words) as fault:
-        budget_of(stated, considered(text), ENTRIES, "lab.toml")
-    assert all("lab.toml: considered" in line for line in fault.value.faults)
 
 
 def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):

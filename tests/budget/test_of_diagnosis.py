@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -105,41 +104,3 @@ def test_an_effect_is_not_counted_twice_in_silence(tumblecal, folder, table1_fil
     outcome = tumblecal(*given)
     assert outcome.code == 2 and len(outcome.lines) == 1
     assert "considered.square: second_order.y is in the explanation of" in outcome.lines[0]
-
-
-@pytest.mark.parametrize(
-    ("changed", "options", "words"),
-    [
-        ({"sha256": "0" * 64}, (), "a diagnosis of other data than the budget"),
-        ({"uncertainty_parts": None}, (), "give the folder of tumblecal diagnose"),
-        ({"uncertainty_parts": {"noise": {}, "explanations": {}, "undetected_effects": {}}}, (), "dK_x, .* missing"),
-        ({}, ("--monte-carlo", "500"), "--diagnosis cannot be combined with --monte-carlo"),
-        pytest.param(
-            {},
-            ("--fix", "gamma"),
-            r"of another model than the budget \(gamma_21, gamma_31, gamma_32 not fitted\)",
-            marks=pytest.mark.long,
-        ),
-    ],
-)
-def test_a_diagnosis_that_does_not_fit_is_one_line(tumblecal, folder, table1_file, tmp_path, changed, options, words):
-    (lab := tmp_path / "lab.toml").write_text(LAB)
-    where = folder(**changed)[0] / "calibration.json"
-    outcome = tumblecal("budget", table1_file, lab, "--diagnosis", where, *options, "--out", tmp_path / "b")
-    assert outcome.code == 2 and len(outcome.lines) == 1, outcome.lines
-    assert re.search(words, outcome.lines[0]), outcome.lines
-    assert not (tmp_path / "b").exists()
-
-
-def test_contributions_that_contradict_the_covariance_are_refused(tumblecal, folder, table1_file, tmp_path):
-    (lab := tmp_path / "lab.toml").write_text(LAB)
-    path = folder()[0] / "calibration.json"
-    content = json.loads(path.read_text())
-    content["provenance"]["uncertainty_parts"]["explanations"]["bias_x"] *= 1.5
-    path.write_text(json.dumps(content))
-    outcome = tumblecal("budget", table1_file, lab, "--diagnosis", path, "--out", tmp_path / "b")
-    assert outcome.code == 2 and "contradicts the covariance of parameters" in outcome.lines[0]
-    content["provenance"]["uncertainty_parts"]["explanations"]["bias_x"] = "much"
-    path.write_text(json.dumps(content))
-    outcome = tumblecal("budget", table1_file, lab, "--diagnosis", path, "--out", tmp_path / "b")
-    assert outcome.code == 2 and "explanations.bias_x" in outcome.lines[0]

@@ -1,19 +1,15 @@
 """What a user gets wrong: each is one clear line, before anything is spoiled."""
 
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
-import numpy as np
 import pytest
 from streams import some_samples
 from test_recorder import Rig
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.decoding.checks import exclusive_or
 from tumblecal.capture.decoding.samples import Settings
-from tumblecal.capture.decoding.sniff import described, guesses
+from tumblecal.capture.decoding.sniff import guesses
 from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
@@ -97,16 +93,6 @@ def test_a_device_that_does_not_tell_its_range(tmp_path: Path, monkeypatch: pyte
         meet_a(rig, tmp_path, "stim300", feed=0.5)
 
 
-def test_what_is_said_of_bytes_that_are_no_specific_force() -> None:
-    body = b"VNYIA,-170.94,+007.34,+000.70,+00.085,+00.005,-09.847,+0.0003,-0.0012,-0.0001"
-    data = b"$%s*%02X\r\n" % (body, exclusive_or(body)) * 40
-    assert described(data, "vectornav").startswith("VNYIA has acceleration along the axes of the Earth")
-    assert "the device sends vectornav" in described(data, "text")
-    noise = np.random.default_rng(0).integers(0, 256, 8000, dtype=np.uint8).tobytes()
-    assert "check the baud rate" in described(noise, "stim300")
-    assert "text without a specific force arrives" in described(b"U-Boot 2024.01\r\nlogin: \r\n" * 100, "stim300")
-
-
 @pytest.mark.parametrize("name", sorted(protocols()))
 def test_sniffing(name: str) -> None:
     how = protocol(name)
@@ -122,13 +108,3 @@ def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
         run.journal.write("device", serial_number="N1", events=[], log_position=0)
     with pytest.raises(InputError, match="contains a capture already"), begin(tmp_path / "plan.toml", tmp_path / "out"):
         pass
-
-
-def test_capture_needs_no_jax() -> None:
-    code = (
-        "import sys, tumblecal.capture.run.session, tumblecal.recordings.reduce, "
-        "tumblecal.capture.emulator.instrument, "
-        "tumblecal.cli.capture, tumblecal.cli.decode\n"
-        "assert not {'jax', 'equinox', 'matplotlib'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

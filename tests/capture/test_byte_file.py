@@ -9,12 +9,11 @@ import polars as pl
 import pytest
 from streams import some_samples
 
-from disk import file_size_limited
 from tumblecal.capture.decoding import byte_file
 from tumblecal.capture.decoding.byte_file import decode_file, pieces_of
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Settings, Stated, blank
-from tumblecal.capture.log import LogWriter, RecordKind, read_log
+from tumblecal.capture.log import LogWriter, RecordKind
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.stim300 import encode
 from tumblecal.capture.protocols.stim300_datagrams import encode_configuration
@@ -99,22 +98,6 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     assert peaks[1] - peaks[0] < 45_000
 
 
-def test_full_disk_in_words(tmp_path: Path) -> None:
-    (tmp_path / "a.bin").write_bytes(stim300(20_000))
-    out = tmp_path / "a.csv"
-    out.write_text("before")
-    code = (
-        "import sys\nfrom pathlib import Path\nfrom tumblecal.cli.decode import decode\n"
-        "from tumblecal.ground.errors import InputError\n"
-        "try: decode(Path(sys.argv[1]), out=Path(sys.argv[2]))\n"
-        "except InputError as error: print(error)"
-    )
-    with file_size_limited(100_000):
-        done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.bin"), str(out)], capture_output=True)
-    assert f"{out}: not written, because the disk is full" in done.stdout.decode(), done.stderr.decode()
-    assert out.read_text() == "before" and sorted(p.name for p in tmp_path.iterdir()) == sorted(["a.bin", out.name])
-
-
 @pytest.mark.long
 def test_sniff_reads_the_beginning_only(tmp_path: Path) -> None:
     with (tmp_path / "a.bin").open("wb") as file:
@@ -138,14 +121,3 @@ def test_raw_log_of_a_capture(tmp_path: Path) -> None:
     log.close()
     assert b"".join(pieces_of(tmp_path / "raw.log")) == data
     assert decode_file(tmp_path / "raw.log").samples == 500
-
-
-def test_a_record_larger_than_the_readers_block(tmp_path: Path) -> None:
-    """It was read again and again without end."""
-    log = LogWriter(tmp_path / "raw.log")
-    log.append(RecordKind.BYTES, bytes(6 << 20), 1)
-    log.append(RecordKind.BYTES, b"after", 2)
-    log.close()
-    code = f"from tumblecal.capture.log import read_log\nfrom pathlib import Path\nread_log(Path({str(log.path)!r}))"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=600)
-    assert [len(r.payload) for r in read_log(log.path)] == [6 << 20, 5]

@@ -6,7 +6,6 @@ import pytest
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.position_check import NOT_TURNED, WRONG_POSITION, judge
 from tumblecal.capture.run.rest import Blocks, Stationarity
-from tumblecal.ground.gravity import normal_gravity
 from tumblecal.recordings.dwells.dwell_checks import check_dwell
 
 
@@ -122,11 +121,3 @@ def test_reversed_and_exchanged_axes() -> None:
     assert judge(plan, 0, true * [1, -1, 1]).text.startswith("the sign of axis y seems reversed")
     assert judge(plan, 0, true[[1, 0, 2]]).text.startswith("axes x and y seem exchanged")
     assert judge(plan, 0, -true).text.startswith("all signs seem reversed")
-
-
-def test_normal_gravity() -> None:
-    """Published values of GRS 80 at the equator, 45 degrees and the pole; the free-air gradient is 0.3086 mGal/m."""
-    assert normal_gravity(0) == pytest.approx(9.7803267715, abs=1e-10)
-    assert normal_gravity(45) == pytest.approx(9.806199203, abs=2e-9)
-    assert normal_gravity(90) == pytest.approx(9.8321863685, abs=2e-9)
-    assert (normal_gravity(45, 0) - normal_gravity(45, 1000)) / 1000 == pytest.approx(3.086e-6, rel=1e-3)

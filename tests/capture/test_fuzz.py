@@ -49,15 +49,6 @@ def test_an_xsens_force_that_does_not_fit_is_told() -> None:
     ]
 
 
-def test_xsens_messages_without_force_are_no_losses() -> None:
-    stream = b"".join(
-        xsens((0x1020, k.to_bytes(2, "big")), *([(0x7010, bytes(94))] if k % 10 == 5 else [(0x4020, FORCE)]))
-        for k in range(100)
-    )
-    found = decode_all(protocol("xsens").decoder(), stream)
-    assert len(found.samples) == 90 and [e.kind for e in found.events] == ["other_message"] * 10
-
-
 def test_frames_of_one_size_and_another_content_are_not_mixed_up() -> None:
     """The field lengths end early in the first packet; the second is whole."""
 

@@ -9,7 +9,7 @@ from hand_fed import HandFed
 from rich.console import Console
 
 from tumblecal.capture.run.guide import Phase
-from tumblecal.capture.run.screen import Screen, line_of, rendered
+from tumblecal.capture.run.screen import line_of, rendered
 from tumblecal.recordings.dwells.captured import identity_of
 
 
@@ -119,17 +119,3 @@ def test_the_most_important_parts_are_on_a_screen_of_any_height(tmp_path, height
         "expected mg",
     )
     assert [word for word in words if word not in shown] == list(lost), shown
-
-
-def test_plain_lines_have_each_estimate_once(tmp_path, capsys):
-    fed, lines = HandFed(tmp_path, positions=TWO), ["estimate / mg:  bias_x [/no] 0.2 +- 0.1"]
-    screen = Screen(plain=True, estimate=lambda state: [*lines] if state is fed.state else [])
-    state = line_of(fed.guide)
-    for _ in range(2):
-        screen.show(fed.guide)
-    assert capsys.readouterr().out == f"{lines[0]}\n{state}\n"
-    lines.append("estimate / mrad:  dbeta_0 1.0 +- 0.1")
-    screen.show(fed.guide)
-    fed.until(Phase.RECORDING)
-    screen.show(fed.guide)
-    assert capsys.readouterr().out == f"{lines[1]}\n{line_of(fed.guide)}\n"

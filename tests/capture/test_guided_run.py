@@ -152,15 +152,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
-def test_keys_leave_every_attempt_in_the_journal(finished: Path) -> None:
-    entries = read_journal(finished)
-    state = replayed(entries)
-    assert sorted(state.accepted) == [0, 1, 2] and entries[-1]["entry"] == "finished"
-    assert state.attempts[2] == 3 and state.accepted[2].number == 3
-    kinds = [e["entry"] for e in entries]
-    assert kinds.count("skipped") == 1 and kinds.count("withdrawn") == 1 and kinds.count("rejected") >= 1
-
-
 def test_reduction_of_a_run(finished: Path) -> None:
     paths = write_reduction(reduced([finished]), finished)
     data = read_positions(paths[0])

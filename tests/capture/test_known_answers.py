@@ -75,11 +75,6 @@ def test_stim300_configuration(text: str, expected: dict) -> None:
     assert {k: event.content[k] for k in expected} == expected
 
 
-def test_stim300_serial_number() -> None:
-    (event,) = decoded("stim300", "b5 4e 25 58 18 46 02 00 20 00 00 00 00 00 00 00 dc 76 95 7c").events
-    assert event.content["serial_number"] == "N25581846020020"
-
-
 def test_stim300_never_assumes_a_range() -> None:
     assert np.isnan(decoded("stim300", STIM300[0x93]).samples.force).all()
     with_configuration = (
@@ -154,23 +149,6 @@ def test_vectornav_lines() -> None:
     np.testing.assert_allclose(np.radians(found.samples.rate[1]), [0.002066, -0.008442, -0.044656])
     assert found.samples.temperature[1] == 20.7
     assert [e.kind for e in found.events] == ["reply", "error"] and found.counts.discarded == 0
-
-
-# Lines as devices sent them (public drivers quote them), and the specific force that stands in each.
-VECTORNAV_FORCES = {
-    "$VNQMR,+0.021375,-0.049923,+0.797361,-0.601055,-0.2354,+0.8029,+1.8875,"
-    "+00.795,-00.412,-09.709,-00.0201,-00.0055,-00.0149*76": (0.795, -0.412, -9.709),
-    # With the device's own time behind the numbers.
-    "$VNQMR,+0.004183,+0.001149,+0.089285,+0.995997,+00.0113,-00.2384,+00.1800,"
-    "+00.020,-00.092,-09.683,-00.000272,+00.000824,+00.000073,T0000000543*3D": (0.020, -0.092, -9.683),
-}
-
-
-@pytest.mark.parametrize("line", VECTORNAV_FORCES)
-def test_vectornav_lines_with_a_quaternion(line: str) -> None:
-    found = decode_all(protocol("vectornav").decoder(), f"{line}\r\n".encode())
-    np.testing.assert_allclose(found.samples.force[0] * 9.80665, VECTORNAV_FORCES[line])
-    np.testing.assert_allclose(np.radians(found.samples.rate[0]), [float(w) for w in line[:-3].split(",")[11:14]])
 
 
 def sealed_line(body: str) -> bytes:

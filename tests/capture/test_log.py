@@ -1,14 +1,11 @@
 """The record log: whole or absent, whatever happens to its end or its middle."""
 
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
-from disk import file_size_limited
-from tumblecal.capture.log import HEADER_SIZE, LogReader, LogWriter, RecordKind, read_log
+from tumblecal.capture.log import LogReader, LogWriter, RecordKind, read_log
 
 
 def write(path: Path, payloads: list[bytes]) -> list[int]:
@@ -50,30 +47,3 @@ def test_damage_in_the_middle_costs_only_that_record(tmp_path: Path) -> None:
         assert found == payloads[:hit] + payloads[hit + 1 :]
         if hit < 4:
             assert reader.damaged == [([0, *stops][hit], stops[hit])]
-
-
-_FILL = """
-import sys
-from pathlib import Path
-from tumblecal.capture.log import RecordKind, LogWriter
-from tumblecal.ground.errors import InputError
-writer, stops = LogWriter(Path(sys.argv[1])), []
-try:
-    while True:
-        stops.append(writer.append(RecordKind.BYTES, b"x" * 1000, 1))
-except InputError:
-    writer.sync()
-    print(len(stops))
-"""
-
-
-def test_full_disk_leaves_whole_records(tmp_path: Path) -> None:
-    """The kernel refuses the write in the middle of a record: that record is gone, all before it are whole."""
-    path = tmp_path / "a.log"
-
-    with file_size_limited(100_500):
-        done = subprocess.run([sys.executable, "-c", _FILL, str(path)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    count = int(done.stdout)
-    assert count == 100_500 // (1000 + HEADER_SIZE)
-    assert len(read_log(path)) == count and path.stat().st_size == count * (1000 + HEADER_SIZE)

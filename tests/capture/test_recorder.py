@@ -238,23 +238,6 @@ def test_holder_is_who_locked_the_port(tmp_path: Path) -> None:
     assert process.wait(600) == 0
 
 
-TWICE = """
-import os
-from tumblecal.capture.port.transport import Port
-if os.getuid() == 0:
-    os.setuid(65534)
-master, slave = os.openpty()
-for _ in range(2):
-    Port(os.ttyname(slave), 9600).close()
-"""
-
-
-def test_virtual_port_is_free_again_for_an_ordinary_user() -> None:
-    """The kernel's mark "for one opener only" outlives a recorder on a virtual port, and only root may pass it."""
-    result = subprocess.run([sys.executable, "-c", TWICE], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
-
-
 def test_full_disk_stops_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The recorder's file may not grow beyond 200 kB: it says so, and all records are whole."""
     rig = Rig(tmp_path)

@@ -68,12 +68,6 @@ def stamps(times: np.ndarray, seed: int = 1) -> np.ndarray:
     return np.maximum.accumulate(late + np.random.default_rng(seed).uniform(0, 0.02) + 1e-6)
 
 
-def test_a_rate_that_doubles_within_a_dwell_is_a_warning() -> None:
-    times = np.concatenate([np.arange(2000) / 100, 20 + np.arange(4000) / 200])
-    words = losses_from_time(stamps(times)).rates.words(100.0)
-    assert words.startswith("the sample rate changed from 1") and "to 2" in words
-
-
 def test_a_rate_that_differs_from_the_stated_one_is_a_warning_and_an_equal_one_is_not() -> None:
     for seed in range(20):
         rates = losses_from_time(stamps(np.arange(1000) / 100, seed)).rates

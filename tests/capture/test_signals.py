@@ -64,20 +64,3 @@ def test_a_closed_terminal_ends_the_run_in_order(tmp_path: Path) -> None:
         capture.hang_up()
         assert capture.process.wait(600) == -signal.SIGHUP
     assert read_journal(tmp_path / "run")[-1]["why"] == "SIGHUP"
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_the_virtual_port_goes_with_its_emulator(tmp_path: Path, number: signal.Signals) -> None:
-    with Emulator(tmp_path, "", speed=1.0) as emulator:
-        assert emulator.port.is_symlink()
-        emulator.process.send_signal(number)
-        assert emulator.process.wait(600) == (0 if number == signal.SIGINT else -number)
-        assert not emulator.port.is_symlink()
-
-
-def test_the_own_terminal_is_no_instrument(tmp_path: Path) -> None:
-    (tmp_path / "plan.toml").write_text(PLAN)
-    capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--plain", "--port", "imu", "--wait", "20")
-    (tmp_path / "imu").symlink_to(capture.terminal)
-    assert capture.close() == 2
-    assert b"this is the terminal of python" in capture.raw

@@ -200,28 +200,6 @@ def test_a_temperature_that_is_never_stable_ends_the_run_with_its_reason(
     )
 
 
-def test_without_a_thermometer_in_the_instrument_the_operator_decides(tmp_path, monkeypatch) -> None:
-    chamber = FakeChamber(25.2)
-    fed = over_temperature(tmp_path, monkeypatch, chamber)
-    fed.until(Phase.RECORDING)
-    # A chamber that fails during a dwell is reported.
-    chamber.answer = "chamber fake: no answer"
-    for _ in range(2):
-        fed.feed()
-    assert fed.guide.alarm == "chamber fake: no answer" and len(fed.entries("warned")) == 1
-    chamber.answer = None
-    fed.until(Phase.TURN)
-    fed.turned = -1.0
-    fed.until(Phase.SOAK)
-    fed.feed()
-    assert "press Enter when it is stable" in note_of(fed.guide)
-    # Postponed, and then requested again as the only soak that is left.
-    fed.press("s")
-    assert fed.state.postponed == {1} and fed.guide.phase == Phase.SOAK
-    fed.press("\n")
-    assert fed.guide.phase == Phase.TURN
-
-
 @contextlib.contextmanager
 def scripted(path: Path, answers: Callable[[str], bytes]) -> Iterator[tuple[list[str], int]]:
     """A chamber behind a pseudo-terminal: the commands it got, and its end of the line."""
@@ -309,18 +287,4 @@ def test_a_chamber_that_does_not_answer_or_answers_rubbish_is_one_line(
         with pytest.raises(InputError) as error:
             chamber.temperature()
         assert words in str(error.value) and "\n" not in str(error.value) and heard == ["MEAS:TEMP?"] * 3
-        chamber.close()
-
-
-def test_a_line_to_the_chamber_that_was_cut_is_opened_again(tmp_path: Path) -> None:
-    with scripted(tmp_path / "oven", lambda command: b"20.0\n"):
-        chamber = Chamber(ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.2, set_query="SOUR:TEMP:SPO?"))
-        assert chamber.temperature() == 20.0
-    with pytest.raises(InputError, match="oven: the line is interrupted"):
-        chamber.set_temperature(20)
-    (tmp_path / "oven").unlink()
-    with pytest.raises(InputError, match=r"chamber .*oven: port .*oven: there is no such device"):
-        chamber.temperature()
-    with scripted(tmp_path / "oven", lambda command: b"21.0\n"):
-        assert chamber.temperature() == 21.0
         chamber.close()

@@ -84,20 +84,3 @@ def test_a_run_over_soaks_is_interrupted_resumed_and_reduced(tmp_path: Path) -> 
     changes = np.stack([1e-3 * (0.1 * d + 2e-4 * d**3), up * 5e-5 * d + 1e-5 * d**2], axis=1)
     seen = data.readings[:, [0, 2]] - np.tile(data.readings[4:, [0, 2]], (3, 1))
     np.testing.assert_allclose(seen, changes - np.tile(changes[4:], (3, 1)), atol=1.5e-4)
-
-
-@pytest.mark.long
-def test_without_temperatures_in_the_stream_those_of_the_chamber_are_written(tmp_path: Path) -> None:
-    """One attitude at two temperatures, so the head is not turned; each soak has its pitch settings."""
-    plan = PLAN.replace("[0, 180]", "[0]").replace("[25, 40, 25]", "[30, 45]")
-    (tmp_path / "plan.toml").write_text(plan.replace("[soak]", "[soak]\nnew_pitch_settings = true"))
-    (tmp_path / "run").mkdir()
-    emulator = EMULATOR.replace("HIGHEST", "80.0") + "[instrument]\ntemperatures = false\n"
-    with Emulator(tmp_path, emulator, follow="run", chamber="oven"):
-        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--plain")
-        assert capture.close() == 0, capture.seen[-20:]
-    data = reduced([tmp_path / "run"]).data
-    assert data.run == ("1.1", "1.2") and data.comments["temperature_source"] == "chamber"
-    assert data.temperature_degc == pytest.approx([30.0, 45.0])
-    kinds = [entry["entry"] for entry in read_journal(tmp_path / "run")]
-    assert kinds.count("forced") == 0 and kinds.count("prompted") == 2

@@ -10,7 +10,7 @@ from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Counts, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.protocols.stim300 import encode
-from tumblecal.capture.protocols.stim300_datagrams import PLACES, SPECIALS, encode_configuration, encode_special
+from tumblecal.capture.protocols.stim300_datagrams import PLACES, encode_configuration, encode_special
 
 
 NAMES = sorted(protocols())
@@ -98,15 +98,6 @@ def test_every_stim300_datagram(identifier: int, crlf: bool) -> None:
         assert np.abs(found.samples.force - samples.force).max() < 2.0**-19
     if "a temperature" in places:
         assert np.abs(found.samples.temperature - samples.temperature).max() < 2.0**-8
-
-
-def test_stim300_sizes_are_the_datasheets() -> None:
-    published = {0x90: 18, 0x91: 28, 0x92: 28, 0x93: 38, 0x94: 25, 0xA5: 42, 0xA6: 42, 0xA7: 59}
-    assert {k: PLACES[k]["size"] for k in published} == published
-    assert {first: size for first, _, size in SPECIALS.values()} == {0xB1: 20, 0xB5: 20, 0xBC: 26, 0xBE: 21, 0xD1: 40}
-    # The dummy bytes of the datasheet make each size a multiple of four.
-    dummies = {0x90: 2, 0x91: 0, 0x93: 2, 0x94: 3, 0xA5: 2, 0xA7: 1, 0xF7: 1}
-    assert {k: -PLACES[k]["size"] % 4 for k in dummies} == dummies
 
 
 @pytest.mark.parametrize("output", ["increment", "integrated"])

@@ -124,25 +124,6 @@ def test_each_header_holds_from_its_line_on() -> None:
     assert layouts[1].stop == first and (found.samples.stop[40:] > first).all()
 
 
-def test_lines_that_cannot_be_read_behind_a_header_are_told() -> None:
-    found = decoded(["ax,ay,az"] + ["0.1,0.2,0.97"] * 30 + ["az,ay,ax"] + ["70,70,70"] * 30)
-    assert len(found.samples) == 30
-    (refused,) = [e for e in found.events if e.kind == "refused"]
-    assert "the unit of the specific force is not known: give --unit" in refused.content["text"]
-
-
-def test_a_header_against_the_given_columns_is_told() -> None:
-    data = "".join(line + "\n" for line in TURNED[:60]).encode()
-    found = decode_all(TextDecoder("ax,ay,az", "g", whole=True), data)
-    (refused,) = [e for e in found.events if e.kind == "refused"]
-    assert "names the columns az,ay,ax; used as given: ax,ay,az" in refused.content["text"]
-
-
-def test_numbers_beyond_all_measure_are_flagged() -> None:
-    found = decoded(["counter,ax,ay,az"] + [f"{k},1e-3,2e-3,1" for k in range(30)] + ["1e300,1e999,0,1"])
-    assert found.samples.status[-1] and not found.samples.status[:-1].any() and found.samples.counter[-1] == -1
-
-
 def test_an_overlong_line_costs_no_other() -> None:
     lines = ["ax,ay,az", *["1,2,1000"] * 40]
     data = ("\n".join(lines) + "\n" + "9" * 3000 + "\n" + "1,2,1000\n" * 5 + "7" * 2000).encode()

@@ -2,13 +2,9 @@
 
 import hashlib
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from dcc_schema import schema_of_dcc
-
-from tumblecal.data import write_positions
 
 
 def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_path, calibrated_as, admin, configs):
@@ -48,47 +44,6 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     ):
         outcome = tumblecal(*command)
         assert outcome.code == 2 and "result.json: its data differ from those of calibration.json" in outcome.lines[0]
-
-
-def test_a_judgement_that_is_not_good_stands_on_the_certificate(tumblecal, calibrated_as, admin):
-    folder = calibrated_as(0.0, "--noise-sd", "1mg")
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    said = "Judgement of the calibration: Usable: the residuals are smaller than the stated noise"
-    assert outcome.code == 0 and any("WARNING" in line and said in line for line in outcome.lines)
-    for file in ("certificate.html", "dcc.xml"):
-        text = (folder / file).read_text()
-        assert text.count(said) == 1 and "(k = 2) of a corrected reading at any attitude, including effects" in text
-    assert f"<strong>{said}" in (folder / "certificate.html").read_text()
-    if (schema := schema_of_dcc()) is not None:
-        schema.validate(str(folder / "dcc.xml"))
-
-
-def test_no_certificate_is_made_of_data_that_contradict_the_model(tumblecal, calibrated_as, admin):
-    """`conformity: pass` was printed for such a calibration."""
-    folder = calibrated_as(0.0, "--noise-sd", "0.05mg")
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and "use: no: the data contradict the model (p = " in outcome.lines[0]
-    outcome = tumblecal("certificate", folder, "--admin", admin, "--use-anyway")
-    assert outcome.code == 0
-    for file in ("certificate.html", "dcc.xml"):
-        text = (folder / file).read_text()
-        assert "Issued with the option --use-anyway." in text
-        assert "Use of the calibration: no: the data contradict the model" in text and "corrected reading" not in text
-
-
-@pytest.mark.long
-def test_nor_of_one_that_nothing_could_test(tumblecal, tmp_path, table1, admin):
-    write_positions(
-        tmp_path / "five.csv", replace(table1, comments={"serial_number": "A-17"}).chosen([0, 2, 9, 11, 19])
-    )
-    folder = tmp_path / "five"
-    assert (
-        tumblecal("calibrate", tmp_path / "five.csv", "--noise-sd", "0.1mg", "--out", folder, "--no-figures").code == 0
-    )
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and "use: not tested: 15 readings for 15 parameters leave no" in outcome.lines[0]
-    assert tumblecal("certificate", folder, "--admin", admin, "--use-anyway").code == 0
-    assert "Use of the calibration: not tested: 15 readings" in (folder / "certificate.html").read_text()
 
 
 HEAD = """schema = "tumblecal.head/1"

@@ -73,13 +73,6 @@ def test_values_are_stated_at_stated_temperatures(tumblecal, folder, admin, conf
         schema.validate(str(folder / "dcc.xml"))
 
 
-def test_the_reference_temperature_is_the_default(tumblecal, folder, admin):
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 0 and "values at 25 degC (the reference; --temperatures states others)" in outcome.out
-    page = (folder / "certificate.html").read_text()
-    assert "The values are valid at 25 degC: bias_x changes with temperature" in page and "Values at 25 degC" in page
-
-
 @pytest.mark.parametrize(
     ("of", "text", "words"),
     [

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import independent
-from independent import Instrument, passive
+from independent import Instrument
 from tumblecal.chain import Link, Place, coefficients, nominal_chain, settings
 from tumblecal.chain.link import turned
 from tumblecal.chain.plan import grid
@@ -61,14 +61,6 @@ def test_leaves_of_runs_and_mounts_reach_their_rows_alone(seed):
     np.testing.assert_allclose(chain.named(value)(where), theirs, rtol=0, atol=1e-14)
 
 
-def test_base_levelling_turns_about_the_horizontal_spindle():
-    where = settings(PLAN.alpha, PLAN.beta)
-    chain = nominal_chain(where).named({"levelling": 0.03})
-    up = passive("x", np.full(len(PLAN), 0.03)).apply(np.tile([0.0, 0.0, 1.0], (len(PLAN), 1)))
-    f = passive("x", PLAN.alpha).apply(passive("y", PLAN.beta).apply(up))
-    np.testing.assert_allclose(chain(where), f, rtol=0, atol=1e-14)
-
-
 def test_ideal_instrument_reads_what_the_paper_tabulates():
     """0-1 reads +z, the 90 degree setting reads -x whatever the spindle does, alpha = 90 degrees reads +y."""
     where = settings(np.radians([0, 90, 0, 123]), np.radians([0, 0, 90, 90]))
@@ -121,14 +113,6 @@ def test_wrong_vectors_and_names_are_refused():
         chain.at(np.zeros(17))
     with pytest.raises(KeyError, match="dK_q"):
         chain.named({"dK_q": 1.0})
-
-
-def test_pitch_settings_are_numbered_by_beta_whatever_the_order():
-    where = settings(np.zeros(5), np.radians([90, 0, 45, 0, 90]))
-    assert where.index("pitch").tolist() == [2, 0, 1, 0, 2]
-    assert where.names("pitch") == ("_0", "_1", "_2")
-    with pytest.raises(ValueError, match="equally long"):
-        settings(np.zeros(3), np.zeros(4))
 
 
 def test_single_precision_is_refused():

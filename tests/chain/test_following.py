@@ -1,7 +1,5 @@
 """Leaves that follow temperature, against the independent chain with polynomials and splines written out."""
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -74,24 +72,6 @@ def truth(chain) -> np.ndarray:
 def test_the_chain_equals_the_independent_one(problem):
     chain = problem.chain.at(truth(problem.chain))
     np.testing.assert_allclose(np.asarray(chain(WHERE)), readings(), rtol=0, atol=1e-14)
-
-
-def test_names_units_values_and_order(problem):
-    chain = problem.chain
-    nominal = nominal_chain(WHERE).names
-    assert chain.names[: len(nominal)] == nominal
-    assert chain.names[len(nominal) :] == (
-        *(f"gamma_T_{axes}_{k}" for k in (1, 2) for axes in ("21", "31", "32")),
-        *(f"dK_T_{axis}1" for axis in "xyz"),
-        *(f"bias_T_{axis}{k}" for k in (1, 2, 3) for axis in "xyz"),
-    )
-    assert dict(zip(chain.names, chain.units, strict=True))["gamma_T_21_2"] == "rad"
-    assert chain.fixed({"bias_T", "dK_T", "gamma_T"}).names == nominal
-    assert "bias_T_x1" in str(chain.screen()) and chain.table()["parameter"].to_list()[-1] == "levelling"
-    assert [leaf.functions for leaf in followings_of(chain)] == [FUNCTIONS["gamma"], FUNCTIONS["dK"], FUNCTIONS["bias"]]
-    again = pickle.loads(pickle.dumps(chain.at(truth(chain))))
-    np.testing.assert_array_equal(again.vector, truth(chain))
-    assert nominal_chain(WHERE, temperature={"bias": TemperatureFunctions(0, 25.0, RANGE)}).names == nominal
 
 
 def test_a_fit_recovers_the_parameters_within_their_uncertainty(problem):

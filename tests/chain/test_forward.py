@@ -7,7 +7,6 @@ import pytest
 import tumblecal
 from tumblecal import Problem
 from tumblecal.chain import Unknown, forward_chain, settings
-from tumblecal.effects import catalogue
 
 
 def ellipse(p, where):
@@ -38,12 +37,3 @@ def test_the_chain_is_the_function_and_its_fit_the_parameters(chain, where):
     assert tumblecal.fit(problem).values == pytest.approx([0.21, 0.01, -0.003], abs=1e-10)
     many = tumblecal.fit_many(problem, np.stack([readings, by_numpy(where.alpha, 0.19, -0.01, 0.0)]))
     assert many.values == pytest.approx(np.array([[0.21, 0.01, -0.003], [0.19, -0.01, 0.0]]), abs=1e-10)
-
-
-def test_effects_act_on_its_angles_and_readings(chain, where):
-    (index,) = catalogue()["index_ellipticity"].make(where)
-    (square,) = catalogue()["second_order.y"].make(where)
-    extended = (chain + index + square).named({"index_ellipticity_cos": 1e-3, "second_order.y": 2e-3})
-    expected = by_numpy(where.alpha + 1e-3 * np.cos(2 * where.alpha), 0.2, 0.0, 0.0)
-    expected[:, 1] += 2e-3 * expected[:, 1] ** 2
-    assert np.allclose(extended(where), expected, atol=1e-12)

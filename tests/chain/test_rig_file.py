@@ -105,34 +105,6 @@ rotation_deg = [0, 0]
     }
 
 
-PLAN = 'schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = [0]\nbeta_deg = [0]\n'
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (f'titel = "x"\n{PLAN}', "1: titel: unknown key; did you mean title?"),
-        (f'{PLAN}[considered.a]\nwht = "bias"\nsize = "1 mg"\n', "6: considered.a.wht: unknown key; did you mean what?"),
-        (PLAN.replace("[0]\nbeta", '"0,45"\nbeta'), "3: plan.alpha_deg: must be a list of numbers such as [0, 45, 90], or {"),
-        (
-            PLAN.replace("[0]\nbeta", "{ start = 0, step = 0, count = 8 }\nbeta"),
-            "3: plan.alpha_deg: step is 0, so all 8 positions would be equal",
-        ),
-        (f'{PLAN}[truth]\nbias = {{ value = [1e300, 0], unit = "mg" }}\n', "6: truth.bias.value.0: must be smaller"),
-        (f'title = 2026-11-22\n{PLAN}', "1: title: must be a text in quotation marks (got 2026-11-22)"),
-        (f'noise = "1 mg"\n{PLAN}', "1: noise: must be a table, such as { key = value } (got '1 mg')"),
-        (f"{PLAN}[chain]\nlinks = [\n  'base',\n  7]\n", "6: chain.links.1: must be 'base'"),
-    ],
-)  # fmt: skip
-def test_a_fault_says_the_line_and_what_to_write(tmp_path, text, words):
-    path = tmp_path / "bad.toml"
-    path.write_text(text)
-    with pytest.raises(InputError) as refused:
-        read_rig(path)
-    (fault,) = refused.value.faults
-    assert fault.startswith(f"{path}:line {words}"), fault
-
-
 def test_faults_of_meaning_are_told_at_once_too(tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(
@@ -154,14 +126,6 @@ dbeta = "3"
     text = str(refused.value)
     for place in ("chain.effects", "truth.dK.unit", "priors.dbeta"):
         assert re.search(rf"{re.escape(str(path))}:line \d+: {re.escape(place)}", text), place
-
-
-def test_truth_of_the_wrong_length_says_what_the_plan_makes(tmp_path, configs):
-    path = tmp_path / "rig.toml"
-    path.write_text((configs / "paper24.toml").read_text().replace("[1.5, -1.8, -2.1]", "[1.5, -1.8]"))
-    rig = read_rig(path)
-    with pytest.raises(InputError, match=r"truth\.dbeta: 2 values, but the plan makes 3"):
-        rig.true_chain(rig.where)
 
 
 @pytest.mark.parametrize(

@@ -39,14 +39,6 @@ def test_reference_and_range_are_stated_or_of_the_data(tmp_path):
     assert functions("range_degc = [-20, 80]", [30.0, 60.0]).range_degc == (-20.0, 80.0)
 
 
-def test_the_truth_does_not_depend_on_the_positions_asked_for(tmp_path):
-    truth = 'order = 2\ntruth = { x = ["0.1 mg/degC", "1 ug/degC^2"] }'
-    rig = rig_with(tmp_path, f"[temperature.bias]\n{truth}")
-    where = settings([0.0, 0.0], [0.0, 0.0], temperature_degc=[25.0, 35.0])
-    x, _, _ = np.asarray(rig.true_chain(where)(where)).T
-    assert x[1] - x[0] == pytest.approx(0.1e-3 * 10 + 1e-6 * 100, rel=1e-12)
-
-
 def test_soaks_are_groups_of_temperatures_with_larger_steps_between():
     noise = np.random.default_rng(1).uniform(-0.3, 0.3, len(DEGC))
     np.testing.assert_allclose(soaks(DEGC + noise), [0, 15, 28, 41, 60], atol=0.2)
@@ -101,36 +93,6 @@ knots_degc = [10]
         "temperature.dtheta: a cubic spline has order 3; remove order, or knots_degc",
     ):
         assert words in text
-
-
-def test_faults_of_truth_knots_and_links(tmp_path):
-    with pytest.raises(InputError) as raised:
-        rig_with(
-            tmp_path,
-            """
-[chain]
-links = ["base", "spindle", "triad", "output"]
-[temperature.bias]
-order = 2
-truth = { x = ["1 mg/degC"], w = ["1 mg/degC", "1 mg/degC^2"], y = ["1 mg", "2 mg/degC^2"], z = ["1 mg/degC", "1 mg/degC"] }
-[temperature.gamma]
-knots_degc = [30, 10]
-[temperature.dtheta]
-order = 1
-""",
-        )
-    text = "\n".join(raised.value.faults)
-    for words in (
-        "temperature.bias.truth.x: 1 coefficients, but bias has 2 functions of temperature",
-        "temperature.bias.truth.w: no such component; bias has x, y, z",
-        "temperature.bias.truth.y.0: 'mg' cannot be converted to 'g/degC'",
-        "temperature.bias.truth.z.1: 'mg/degC' cannot be converted to 'g/degC^2'",
-        "temperature.gamma.knots_degc: the knots must increase",
-        "temperature.dtheta: chain.links has no link with this leaf",
-    ):
-        assert words in text
-    with pytest.raises(InputError, match="a list of soaks repeats a grid; state temperature_degc in each position"):
-        rig_with(tmp_path, "", "positions = [{ alpha_deg = 0, beta_deg = 0 }]\n")
 
 
 def test_the_tables_of_a_chain_describe_it(configs, tmp_path):

@@ -21,7 +21,6 @@ from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurv
 from tumblecal.ground.gravity import Gravity
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.history.entry import Entry
-from tumblecal.show.check import words_of_check
 
 
 FILE = Path("calibration.json")
@@ -168,16 +167,6 @@ def test_noise_between_attitudes_is_estimated_from_their_disagreement():
     assert check(calibration(), FILE, by_hand(VALUES, larger[:10])).outcome != "agrees"
 
 
-def test_estimated_noise_of_the_calibration_is_the_least_of_a_position():
-    estimated = calibration(provenance={"dof": 12.0, "sigma_g": 5e-4})
-    result = check(estimated, FILE, by_hand(VALUES, noise(1)))
-    assert result.noise.typical_g == 5e-4 and result.noise.shared and result.noise.dof == 12
-    stated = check(estimated, FILE, by_hand(VALUES, noise(1)), noise_sd=2e-4)
-    assert stated.noise.typical_g == 2e-4
-    with pytest.raises(InputError, match="noise of the means is not known"):
-        check(calibration(provenance={}), FILE, by_hand(VALUES, sd=None))
-
-
 def test_gravity_of_another_place():
     here, there = Gravity(9.81, "measured"), Gravity(9.78, "measured")
     of = calibration(gravity=here)
@@ -219,19 +208,6 @@ def test_update_is_that_of_bayes():
     np.testing.assert_allclose(made.calibration.matrix @ triad(sensor.values), np.eye(3), atol=1e-12)
     record = made.calibration.provenance["update"]
     assert record["process_noise"]["months"] == 6.0 and record["freed"] == []
-
-
-def test_changed_sensor_is_not_updated_unless_its_parameter_is_free():
-    change = np.zeros(9)
-    change[3] = 4e-3
-    result = check(calibration(), FILE, by_hand(VALUES + change, noise(7)))
-    with pytest.raises(InputError, match=r"contradicts the calibration .*--free"):
-        updated(result.test, NONE, (), {})
-    with pytest.raises(InputError, match="even with bias_y free"):
-        updated(result.test, NONE, ("bias_y",), {})
-    made = updated(result.test, NONE, ("bias_x",), {})
-    assert made.calibration.sensor.values[3] == pytest.approx(VALUES[3] + 4e-3, abs=4 * made.sd[3])
-    assert made.sd[3] < 2 * SD and not made.calibration.use.refused
 
 
 def curved():
@@ -279,33 +255,6 @@ def test_readings_far_from_gravity_are_rejected():
         check(calibration(), FILE, by_hand(VALUES, moving))
     with pytest.raises(InputError, match="no standard uncertainty of dK_x"):
         check(calibration(parameters=SensorParameters(SENSOR, VALUES, np.zeros((9, 9)))), FILE, by_hand(VALUES))
-
-
-def words_of(result):
-    verdict = words_of_check(result, (FILE, "log.csv")).verdict
-    texts = [verdict.headline, *(found.words for found in verdict.found), *map(str, verdict.unresolved)]
-    return "\n".join([*texts, *verdict.evidence, *verdict.next])
-
-
-def test_each_outcome_is_a_sentence_with_the_next_step():
-    """Agreement, a named and an unnamed change, a disturbed attitude, attitudes that disagree, few and known attitudes."""
-    one, several = np.zeros(9), np.zeros(9)
-    one[5], several[3:6] = 2e-3, (1e-3, -1e-3, 1e-3)
-    disturbed = noise(3)
-    disturbed[9] += 8e-3
-    few = {"up": UP[:1], "noise": noise(1)[:1]}
-    cases = [
-        (by_hand(VALUES, noise(1)), {}, "agrees with 10 attitudes with unknown angles", "--update updated.json"),
-        (by_hand(VALUES + one, noise(2)), {}, "The sensor changed: the bias of the z axis by", "--free bias_z"),
-        (by_hand(VALUES + several, noise(2)), {}, "The sensor changed", "Calibrate the unit again"),
-        (by_hand(VALUES, disturbed), {}, "Attitude p10 contradicts the calibration; the other 9", "attitude p10 again"),
-        (by_hand(VALUES, 30 * noise(5)), {}, "The sensor changed: several parameters", "The attitudes disagree"),
-        (by_hand(VALUES, **few), {}, "agrees with 1 attitude with unknown angles", "record in addition"),
-    ]  # fmt: skip
-    for data, more, headline, following in cases:
-        text = words_of(check(calibration(), FILE, data, **more))
-        assert headline in text and following in text, text
-    assert "any change that leaves the size of gravity in this one attitude the same" in text
 
 
 def test_attitudes_that_are_proposed_separate_the_explanations():

@@ -66,28 +66,6 @@ def test_several_files_have_a_subfolder_each(tumblecal, tmp_path, table1_file):
     assert first["methods"] == second["methods"]
 
 
-GROUND = """import importlib, pkgutil, tumblecal.ground
-for module in pkgutil.iter_modules(tumblecal.ground.__path__):
-    importlib.import_module(f"tumblecal.ground.{module.name}")"""
-HEAVY = ("jax", "jaxlib", "equinox", "optimistix", "matplotlib", "scipy", "polars")
-
-
-@pytest.mark.parametrize(
-    "program",
-    [
-        "import tumblecal",
-        GROUND,
-        "from tumblecal.cli.commands import app; app(['--help'], result_action='return_value')",
-    ],
-)
-def test_import_and_help_load_neither_jax_nor_matplotlib(program):
-    code = f"{program}\nimport sys; print('loaded', *(name for name in {HEAVY} if name in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=True)
-    assert done.stdout.splitlines()[-1] == "loaded"
-    if "--help" in program:
-        assert all(name in done.stdout for name in ("reproduce", "calibrate", "apply", "simulate"))
-
-
 def test_calibrate_loads_neither_the_diagnosis_nor_rigs(table1_file, tmp_path):
     code = """import sys; from tumblecal.cli.commands import run
 assert run() == 0; print(*(name for name in sys.modules if name.startswith("tumblecal")))"""
@@ -96,14 +74,6 @@ assert run() == 0; print(*(name for name in sys.modules if name.startswith("tumb
     loaded = done.stdout.split()
     assert 100 < len(loaded) <= 170
     assert not [name for name in loaded if name.startswith(("tumblecal.diagnosis", "tumblecal.chain.rig"))]
-
-
-def test_python_runs_the_package_as_the_command():
-    command = [sys.executable, "-m", "tumblecal"]
-    done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=600, check=True)
-    assert done.stdout.strip() == __version__
-    wrong = subprocess.run([*command, "export", "no.json", "--to", "json"], capture_output=True, text=True, timeout=600)
-    assert wrong.returncode == 2 and wrong.stderr.startswith("tumblecal: no.json: no such file")
 
 
 def test_help_versions_and_examples_are_listed(tumblecal, configs, monkeypatch):
@@ -150,47 +120,6 @@ def test_a_signal_while_modules_are_imported_is_one_line(module, number):
     word = "interrupted" if number == signal.SIGINT else "terminated"
     assert done.stderr == f"tumblecal: {word}; no file was left half-written\n" and done.stdout == ""
     assert done.returncode == (130 if number == signal.SIGINT else -number)
-
-
-def test_an_interrupt_inside_a_weak_reference_s_callback_is_not_lost():
-    """Python prints and drops what such a callback raises; Ctrl-C has to come out all the same."""
-    program = """
-import signal, time, weakref
-from tumblecal.cli.interrupts import interrupts_kept
-interrupts_kept()
-thing = type("Thing", (), {})()
-seen = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGINT))
-try:
-    del thing
-    time.sleep(20)
-    print("lost")
-except KeyboardInterrupt:
-    print("interrupted")
-"""
-    command = ["env", "--default-signal=INT", sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
-    assert done.stdout.split() == ["interrupted"] and done.stderr == ""
-
-
-def test_an_interrupt_that_a_compiled_module_turned_into_its_own_error():
-    """As pybind11 does where Ctrl-C meets the conversion of an argument: TypeError."""
-    program = """
-import signal, sys
-from tumblecal.cli import commands, main
-from tumblecal.cli.interrupts import interrupts_kept
-def command():
-    interrupts_kept()
-    try:
-        signal.raise_signal(signal.SIGINT)
-    except KeyboardInterrupt:
-        raise TypeError("incompatible arguments") from None
-commands.app.command(command, name="broken")
-sys.argv = ["tumblecal", "broken"]
-main()
-"""
-    command = ["env", "--default-signal=INT", sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 130 and "interrupted" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_a_fit_that_does_not_converge_ends_with_code_3_and_no_calibration(

@@ -9,10 +9,6 @@ import polars as pl
 import pytest
 
 import damaged_made as made
-import damaged_written as written
-from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME
-from tumblecal.capture.run.run_folder import plan_of_run, resume
-from tumblecal.ground.errors import InputError
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -134,13 +130,6 @@ def test_a_position_file_cut_in_its_last_number_is_refused(tmp_path, tumblecal):
     assert json.loads((tmp_path / "c" / "calibration.json").read_text())["matrix"] == whole
 
 
-def test_a_table_of_samples_cut_in_its_last_number_is_refused(tmp_path, tumblecal):
-    path = tmp_path / "t.csv"
-    path.write_bytes(made.table_of_samples()[:-3])
-    (line,) = tumblecal("reduce", path, "--no-figures", "--out", tmp_path / "r").lines
-    assert line.startswith(f"tumblecal: {path}:line 385, column az_g: the last line has no line end")
-
-
 @pytest.mark.parametrize("lost", [2, 9])
 def test_the_cut_last_line_of_a_recording_is_left_out_and_reported(tmp_path, tumblecal, lost):
     content, path = made.text(), tmp_path / "log.csv"
@@ -154,32 +143,3 @@ def test_the_cut_last_line_of_a_recording_is_left_out_and_reported(tmp_path, tum
     path.write_bytes(content[:-1])
     told = tumblecal("import", path, "--out", tmp_path / "out.parquet")
     assert told.lines == [] and len(pl.read_parquet(tmp_path / "out.parquet")) == 600
-
-
-def test_a_damaged_journal_is_reported_and_a_changed_plan_refused(tmp_path, tumblecal):
-    journal = bytearray(written.capture(tmp_path)[JOURNAL_NAME])
-    journal[journal.index(b'"position":3')] ^= 1
-    (tmp_path / JOURNAL_NAME).write_bytes(journal)
-    told = tumblecal("reduce", tmp_path)
-    assert told.code == 0 and "5 of 6 positions" in told.out
-    assert len(told.lines) == 1 and "journal.log: bytes" in told.lines[0] and "are damaged" in told.lines[0]
-    assert len(json.loads((tmp_path / "reduction.json").read_text())["damage"]) == 1
-    (tmp_path / JOURNAL_NAME).write_bytes(journal + bytes(journal[:30]))  # as a crash ends it: cut off, no word
-    with resume(tmp_path) as held:
-        assert len(held.journal.state.accepted) == 5 and [line.split(": ")[0] for line in held.journal.damage] == [
-            JOURNAL_NAME
-        ]
-    held.journal.state.accepted[6] = held.journal.state.accepted[0]
-    with pytest.raises(InputError, match=r"the journal has positions that plan.toml does not have"):
-        plan_of_run(tmp_path, held.journal.state)
-    plan = (tmp_path / PLAN_NAME).read_text()
-    (tmp_path / PLAN_NAME).write_text(plan.replace("45", "44"))
-    (line,) = tumblecal("reduce", tmp_path).lines
-    assert line.endswith("plan.toml: this file was changed after the capture began; restore the original")
-
-
-def test_a_line_of_a_megabyte_is_no_table(tmp_path, tumblecal):
-    path = tmp_path / "log.csv"
-    path.write_bytes(b"1234567890," * 100_000)
-    told = tumblecal("import", path, "--out", tmp_path / "out.parquet")
-    assert told.code == 2 and len(told.lines) == 1 and "in its first 64 kB; the first line" in told.lines[0]

@@ -4,7 +4,6 @@ import pickle
 import re
 from dataclasses import replace
 
-import numpy as np
 import polars as pl
 import pytest
 
@@ -99,31 +98,6 @@ def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, t
     assert pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list() == ["adequate"]
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (MemoryError(), r"knocked.csv: not enough memory for 24 positions \(.*\); average repeats"),
-        (np.linalg.LinAlgError("Singular matrix"), r"cannot be fitted to these readings \(singular equations\)"),
-    ],
-    ids=["memory", "singular"],
-)
-def test_a_file_whose_diagnosis_fails_is_a_line_and_the_others_are_diagnosed(
-    tumblecal, tmp_path, files, monkeypatch, error, words
-):
-    whole = Diagnoser.__call__
-
-    def failing(self, data, **options):
-        if "knocked" in str(data.source):
-            raise error
-        return whole(self, data, **options)
-
-    monkeypatch.setattr(Diagnoser, "__call__", failing)
-    outcome = tumblecal("diagnose", *files[:2], "--out", tmp_path, "--workers", "1")
-    (line,) = outcome.lines
-    assert outcome.code == 2 and re.search(words, line)
-    assert pl.read_csv(tmp_path / "summary.csv")["verdict"].to_list() == ["adequate", "refused"]
-
-
 def test_a_worker_diagnoses_what_the_command_sends_it(one_process, tumblecal, tmp_path, files, monkeypatch):
     """The pool in this process: what a worker gets is what can be sent; its answers are those of one process."""
 
@@ -144,14 +118,3 @@ def test_a_worker_diagnoses_what_the_command_sends_it(one_process, tumblecal, tm
     assert outcome.code == 2 and outcome.lines == one_process[0].lines
     one, two = (pl.read_csv(folder / "summary.csv") for folder in (one_process[1], tmp_path))
     assert one.equals(two)
-
-
-@pytest.mark.long
-def test_two_processes_find_the_same(one_process, tumblecal, tmp_path, files):
-    outcome = tumblecal("diagnose", *files, "--out", tmp_path, "--workers", "2")
-    assert outcome.code == 2 and len(outcome.lines) == 1
-    one, two = (pl.read_csv(folder / "summary.csv") for folder in (one_process[1], tmp_path))
-    numbers = ("p_value", "probability", "cv_gain_g", "sigma_g")
-    assert one.drop(numbers).equals(two.drop(numbers))
-    first, second = (each["p_value"].fill_null(-1.0).to_list() for each in (one, two))
-    assert second == pytest.approx(first, rel=1e-9)

@@ -9,32 +9,9 @@ from tumblecal import read_rig, simulate
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.commands import app
 from tumblecal.data import write_positions
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.option_texts import angles
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
-
-
-@pytest.mark.parametrize(
-    ("texts", "expected"),
-    [
-        ((), ()),
-        (("0", "90", "-30"), (0.0, 90.0, -30.0)),
-        (("0:90:30",), (0.0, 30.0, 60.0, 90.0)),
-        (("-30:30:20", "5,10"), (-30.0, -10.0, 10.0, 30.0, 5.0)),
-        (("0:1:0.1",), tuple(round(0.1 * k, 9) for k in range(11))),
-    ],
-)
-def test_angles(texts, expected):
-    assert angles("--allow-alpha", texts) == expected
-
-
-@pytest.mark.parametrize("text", ["45deg", "0,,90", "nan", "0:90", "90:0:5", "0:360:0.001"])
-def test_what_is_no_angle(text):
-    with pytest.raises(InputError) as caught:
-        angles("--allow-beta", (text,))
-    assert caught.value.faults[0].startswith(f"--allow-beta {text}: ")
 
 
 def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_file):
@@ -105,4 +82,4 @@ def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, two_files):
     assert outcome.out.startswith("Assumed: one run for all 2 files.\n")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] != "adequate"
     outcome = tumblecal("diagnose", "--same-run", *two_files, *options)
-    assert outcome.code == 2 and outcome.lines == ["tumblecal: --same-run applies to joined files only; add --join"]
+    assert outcome.code == 2 and outcome.lines == ["tumblecal: --same-run is for joined files only; add --join"]

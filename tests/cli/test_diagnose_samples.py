@@ -8,7 +8,6 @@ import pytest
 from capture_folder import write_capture
 
 import blind_instrument as blind
-from tumblecal.recordings.dwells.position_samples import read_position_samples
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -60,17 +59,6 @@ def test_samples_of_a_capture(tumblecal, tmp_path, recorded, means):
     assert "noise of the raw samples" in page and "stated noise" not in page
 
 
-def test_a_folder_and_a_table_hold_what_was_recorded(tmp_path, recorded, table):
-    """Positions as whole numbers, in Parquet as floats; frames of 24 bits a reading against the numbers themselves."""
-    table.write_csv(tmp_path / "raw.csv")
-    table.with_columns(pl.col("position").cast(pl.Float64)).write_parquet(tmp_path / "raw.parquet")
-    for source in (recorded.folder, tmp_path / "raw.csv", tmp_path / "raw.parquet"):
-        found = read_position_samples(source)
-        assert found.rate_hz == pytest.approx(50) and found.positions.names == tuple(str(k) for k in range(1, 25))
-        assert np.diff(found.positions.time_s) == pytest.approx(60, abs=0.01)
-        np.testing.assert_allclose(np.stack(found.force), recorded.samples, atol=2.0**-19)
-
-
 BAD = {
     "nothing in it": (lambda t: t.head(0), "no rows; write a row for each sample"),
     "one position lacks samples": (
@@ -96,19 +84,3 @@ def test_bad_tables(tumblecal, tmp_path, means, table, change, words):
     assert outcome.lines[0].startswith(f"tumblecal: {tmp_path / 'raw.parquet'}: ")
     assert words.format(means=means) in outcome.lines[0]
     assert [path.name for path in tmp_path.iterdir()] == ["raw.parquet"]
-
-
-def test_bad_sources(tumblecal, tmp_path, means, recorded):
-    def refused(*arguments) -> str:
-        outcome = tumblecal("diagnose", *arguments, "--no-figures", "--out", tmp_path / "out")
-        assert outcome.code == 2 and len(outcome.lines) == 1 and not (tmp_path / "out").exists()
-        return outcome.lines[0]
-
-    assert "no journal.log here; give the folder of a capture" in refused(means, "--samples", tmp_path)
-    assert "no such file" in refused(means, "--samples", tmp_path / "none.csv")
-    assert "both state the noise" in refused(means, "--samples", recorded.folder, "--noise-sd", "1mg")
-    assert "--samples is for one position file" in refused(means, means, "--samples", recorded.folder)
-    again = tmp_path / "again.csv"
-    again.write_text("".join(means.read_text().splitlines(keepends=True)[:-1]))
-    twice = refused("--join", means, again, "--samples", recorded.folder)
-    assert "no samples of position " in twice and "give each position one name, in both" in twice

@@ -128,19 +128,6 @@ def test_a_later_calibration_on_that_head_is_better(measured, tumblecal, tmp_pat
     assert ratio[0] < 0.6 and np.exp(np.mean(np.log(ratio))) < 0.8
 
 
-def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path):
-    """With the head's file a unit of it is adequate; and the same with unknown noise, where its errors count as exact."""
-    head = measured / "head.toml"
-    for known in (True, False):
-        (file,) = write_units(
-            tmp_path / f"{known}", setups_on_one_head(5, 1), [{"base_levelling": [LEVEL]}], 5, known=known
-        )
-        assert tumblecal("diagnose", file, "--out", tmp_path / "beside", "--no-figures", "--head", head).code == 0
-        assert told(tmp_path / "beside")["verdict"] == "adequate"
-        recorded = json.loads((tmp_path / "beside" / "calibration.json").read_text())["provenance"]["head"]
-        assert "base_levelling" in recorded["parameters"] and recorded["exact"] is not known
-
-
 @pytest.mark.usefixtures("few_effects")
 def test_a_sensors_effect_of_another_size_in_each_unit_is_not_the_heads(tumblecal, tmp_path):
     sizes = np.array([0.3, 1.7, 0.9, 1.4, -0.5]) * 1.2e-3

@@ -66,39 +66,3 @@ def test_effects_lists_and_explains_it(tumblecal, mine):
     assert "index_third" in tumblecal("effects", "--effects", mine).out
     assert "three times round" in tumblecal("effects", "index_third", "--effects", mine).out
     assert tumblecal("effects", "index_third").code == 2
-
-
-def test_studies_know_it(tumblecal, tmp_path, mine):
-    power = tmp_path / "power.toml"
-    power.write_text(
-        'schema = "tumblecal.study.power/1"\nrig = "plain.toml"\nruns = 2\n[effects]\nindex_third = [1.0]\n'
-    )
-    (tmp_path / "plain.toml").write_text(RIG.replace('effects = ["index_third"]', "").split("[truth]")[0])
-    with (tmp_path / "plain.toml").open("a") as rig:
-        rig.write('[noise]\nsd = "0.1 mg"\n')
-    assert tumblecal("study", "power", power, "--effects", mine, "--out", tmp_path / "power").code == 0
-    (row,) = json.loads((tmp_path / "power" / "power.json").read_text())["rates"]
-    assert row["effect"] == "index_third" and row["detected"] == row["named"] == 1.0
-    # Its text decides the numbers: a folder begun with another text is another study.
-    mine.write_text(mine.read_text().replace("3 * alpha", "4 * alpha"))
-    other = tumblecal("study", "power", power, "--effects", mine, "--out", tmp_path / "power")
-    assert other.code == 2 and "another study" in other.lines[0]
-    outcome = tumblecal("study", "power", power, "--out", tmp_path / "none")
-    assert outcome.code == 2 and "no effect 'index_third'" in outcome.lines[0]
-
-
-@pytest.mark.parametrize("command", ["diagnose", "simulate", "effects", "study power"])
-def test_a_faulty_file_is_told_in_one_line(tumblecal, tmp_path, table1_file, mine, command):
-    mine.write_text("EFFECTS = [\n")
-    other = {"simulate": tmp_path / "rig.toml", "effects": "index_third"}.get(command, table1_file)
-    if command == "study power":
-        other = tmp_path / "power.toml"
-        other.write_text(
-            'schema = "tumblecal.study.power/1"\nrig = "rig.toml"\nruns = 2\neffects = {index_third=[1]}\n'
-        )
-    out = [] if command == "effects" else ["--out", tmp_path / "out.csv"]
-    before = sorted(tmp_path.rglob("*"))
-    outcome = tumblecal(*command.split(), other, "--effects", mine, *out)
-    assert outcome.code == 2
-    assert outcome.lines == [f"tumblecal: {mine}:line 1: not Python: '[' was never closed"]
-    assert sorted(tmp_path.rglob("*")) == before

@@ -87,21 +87,3 @@ def test_a_parameter_of_excluded_positions_alone_is_not_determined(tumblecal, tm
     assert '<td class="">not determined</td>' in (out / "diagnosis.html").read_text(encoding="utf-8")
     bias = json.loads((out / "calibration.json").read_text())["bias"]
     assert np.allclose(bias, [1e-3, -2e-3, 3e-3], atol=5e-4)
-
-
-def test_an_outlier_of_a_hand_held_set_costs_no_calibration(tumblecal, tmp_path):
-    """Nor do its tilts count as parameters: two, for three readings that are excluded."""
-    random, file, out = np.random.default_rng(5), tmp_path / "data.csv", tmp_path / "out"
-    force = random.normal(size=(26, 3))
-    force /= np.linalg.norm(force, axis=1)[:, None]
-    readings = force * [1.002, 0.999, 1.001] + [1e-3, -2e-3, 3e-3] + NOISE * random.normal(size=force.shape)
-    readings[7] += [8e-3, -6e-3, 3e-3]
-    rows = [f"p{k}," + ",".join(f"{number:.7f}" for number in row) for k, row in enumerate(readings)]
-    file.write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]))
-    outcome = tumblecal("diagnose", file, "--out", out)
-    content = json.loads((out / "diagnosis.json").read_text())
-    assert outcome.code == 0 and content["causes"] == ["outlier_position:p7"], outcome
-    # 25 positions leave 75 readings for nine parameters and 50 tilts.
-    assert content["sigma_g"] == pytest.approx(NOISE, rel=0.5)
-    calibration = json.loads((out / "calibration.json").read_text())
-    assert np.allclose(calibration["bias"], [1e-3, -2e-3, 3e-3], atol=5e-4)

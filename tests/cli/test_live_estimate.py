@@ -1,16 +1,13 @@
 """The live estimate of a capture: positions so far, in the model of all positions of the plan."""
 
-import logging
 import time
 
-import jax
 import numpy as np
 import pytest
 
 import tumblecal
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.journal import Attempt, RunState
-from tumblecal.cli import live_estimate as module
 from tumblecal.cli.live_estimate import estimated, live_estimate
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.numbers_shown import rounded_together
@@ -68,18 +65,6 @@ def test_it_is_the_exact_fit_of_the_positions_so_far_with_its_prior(plan, attemp
     assert estimated(plan, attempts).problem.sd[:2].tolist() == [[5e-4] * 3, [1e-4] * 3]
 
 
-def test_positions_in_any_order_share_one_compiled_program(plan, attempts, expected, caplog):
-    estimated(plan, attempts)
-    with jax.log_compiles(), caplog.at_level(logging.DEBUG):
-        some = estimated(plan, [attempts[k] for k in (9, 3, 5, 1, 7, 12, 14)])
-        estimated(plan, attempts[:3])
-    assert not [record for record in caplog.records if "ompil" in record.getMessage()]
-    shown = some.sd < 0.0025
-    # The pitch error of a setting that is not measured yet is not determined.
-    assert 3 <= shown.sum() < 15 and not shown[some.names.index("dbeta_2")]
-    assert np.all(np.abs(some.values - expected.values)[shown] < 5 * some.sd[shown])
-
-
 def test_the_lines_follow_the_accepted_positions_from_the_third_on(plan, attempts, expected):
     look = live_estimate(plan)
     for known in (accepted(), accepted(*attempts[:2])):
@@ -92,28 +77,3 @@ def test_the_lines_follow_the_accepted_positions_from_the_third_on(plan, attempt
     assert [line.split(":")[0] for line in lines] == ["estimate / 1e-3", "estimate / mg", "estimate / mrad"]
     for name, value, u in zip(expected.names, 1e3 * expected.values, 1e3 * expected.sd, strict=True):
         assert f"  {name} {rounded_together(value, u)}" in " ".join(lines)
-
-
-def test_it_is_of_the_last_soak(plan, data, attempts):
-    listed = [
-        {"alpha_deg": step.alpha_deg, "beta_deg": step.beta_deg, "temperature_degc": 20.0 + (k >= 12)}
-        for k, step in enumerate(plan.steps)
-    ]
-    soaks = CapturePlan.model_validate({"positions": {"listed": listed}})
-    look = live_estimate(soaks)
-    first = finished(look, accepted(*attempts[:12]), [])
-    assert finished(look, accepted(*attempts[:13]), first) == []
-
-
-def test_a_failure_is_a_line_and_a_slow_estimate_is_not_waited_for(plan, attempts, monkeypatch):
-    def slow(plan, measured):
-        time.sleep(0.5)
-        raise ArithmeticError("[/no] markup")
-
-    monkeypatch.setattr(module, "estimated", slow)
-    look, begun = live_estimate(plan), time.monotonic()
-    state = accepted(*attempts)
-    for _ in range(10):
-        assert look(state) == []
-    assert time.monotonic() - begun < 0.4
-    assert finished(look, state, []) == ["no estimate: ArithmeticError('[/no] markup')"]

@@ -125,10 +125,3 @@ def test_closed_standard_streams_cost_no_result(tmp_path, closed):
     assert done.returncode == 0 and "Traceback" not in done.stderr
     lines = [line for line in (tmp_path / "out.csv").read_text().splitlines() if line[0] != "#"]
     assert lines[0] == "time_s,ax_g,ay_g,az_g" and len(lines) == 51
-
-
-def test_a_full_standard_output_is_named(tmp_path):
-    done = subprocess.run(
-        f"{sys.executable} -m tumblecal ports > /dev/full", shell=True, capture_output=True, text=True
-    )
-    assert done.returncode == 2 and done.stderr == "tumblecal: standard output: No space left on device\n"

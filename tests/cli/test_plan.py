@@ -13,7 +13,6 @@ import pytest
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
-from tumblecal.cli.plan import PlanOptions, _allowed
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.effects.rig_with_effects import read_rig_with_effects
 from tumblecal.estimation.exact import fit
@@ -91,31 +90,3 @@ def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tum
         f"run_{mount}/positions.csv" for mount in dict.fromkeys(each["mount"] for each in record["positions"])
     )
     assert runs.count("run_") == 2 and f"calibrate --join {runs} --rig plan/rig.toml" in suggestion
-
-
-def test_a_rig_without_a_head_gets_settings_that_are_printed_as_assumed(configs):
-    rig = _allowed(read_rig_with_effects(configs / "grid48.toml", catalogue()), PlanOptions(allow_alpha=("0:360:90",)))
-    assert (
-        rig.ability is not None
-        and rig.ability.alpha_deg == (0, 90, 180, 270)
-        and rig.ability.beta_deg == (0, 30, 60, 90)
-    )
-    assert {"beta_deg", "mounts", "times.dwell_s"} <= {*rig.ability.assumed} and "alpha_deg" not in rig.ability.assumed
-
-
-def test_plans_to_compare_are_refused_by_a_mounting_that_the_rig_lacks(tumblecal, tmp_path, configs):
-    """Of capture, as a position file, or hand-held; a rig is read before them."""
-    rig = configs / "plan_head.toml"
-    (tmp_path / "captured.toml").write_text(
-        '[session]\nmount = "Q"\n[positions]\nlisted = [{name = "a", alpha_deg = 0, beta_deg = 0}]\n'
-    )
-    (tmp_path / "measured.csv").write_text("position,alpha_deg,beta_deg,mount,ax_g,ay_g,az_g\na,0,0,Q,0,0,1\n")
-    (tmp_path / "hand.csv").write_text("# attitudes: unknown\nposition,ax_g,ay_g,az_g\na,0,0,1\nb,0,1,0\nc,1,0,0\n")
-    for name, fault in (
-        ("captured.toml", "mounting 'Q' is not in"),
-        ("measured.csv", "mounting 'Q' is not in"),
-        ("hand.csv", "unknown attitudes; a plan needs alpha_deg and beta_deg"),
-    ):
-        outcome = tumblecal("plan", rig, "--compare", rig, tmp_path / name, "--out", tmp_path / "p")
-        assert outcome.code == 2 and fault in outcome.lines[-1], outcome.lines
-        assert not (tmp_path / "p").exists()

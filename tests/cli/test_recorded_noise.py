@@ -78,18 +78,3 @@ def test_joined_recordings_are_independent_of_each_other(means, tmp_path):
     np.testing.assert_allclose(covariance[:, 24:, 24:], alone, rtol=1e-6)
     assert np.all(covariance[:, :24, 24:] == 0)
     assert recorded_covariance(read_positions(means).chosen(range(5))).shape == (3, 5, 5)
-
-
-NEGATIVE = '{"rate_hz": 50, "sample_sd_g": [1, 1, 1], "parts": [{"white_g_per_rthz": [1e-4, -1, 1]}]}'
-
-
-@pytest.mark.parametrize("damaged", ["", "{}", "white", "[1]", NEGATIVE, NEGATIVE.replace("-1", "1e-200"), "[" * 9999])
-def test_a_damaged_noise_model_is_one_line(tumblecal, tmp_path, means, damaged):
-    lines = means.read_text().splitlines()
-    bad = tmp_path / "bad.csv"
-    bad.write_text(
-        "\n".join(f"# noise_model: {damaged}" if line.startswith("# noise_model") else line for line in lines)
-    )
-    for command in ("calibrate", "diagnose"):
-        outcome = tumblecal(command, bad, "--out", tmp_path / command)
-        assert outcome.code == 2 and len(outcome.lines) == 1 and "comment noise_model" in outcome.lines[0]

@@ -40,17 +40,3 @@ def test_another_command_s_folder_is_refused_and_one_s_own_replaced(
     assert contents(out) == before
     assert tumblecal(first, twin, "--no-figures", "--out", out).code == 0
     assert str(twin) in (out / DOCUMENTS[first]).read_text()
-
-
-def test_summaries_and_subfolders_of_several_files_too(tumblecal, tmp_path, table1_file, twin):
-    out, others = tmp_path / "out", [tmp_path / "others.csv", tmp_path / "more.csv"]
-    assert tumblecal("calibrate", table1_file, twin, "--no-figures", "--out", out).code == 0
-    before = contents(out)
-    for path in others:
-        path.write_bytes(table1_file.read_bytes() + b"\n" * len(path.name))
-    for files in ([twin, table1_file], others):
-        outcome = tumblecal("diagnose", *files, "--out", out)
-        assert outcome.code == 2 and len(outcome.lines) == 1 and contents(out) == before
-        assert "of tumblecal calibrate, and diagnose would overwrite" in outcome.lines[0]
-    assert "summary.csv of tumblecal calibrate" in outcome.lines[0]
-    assert tumblecal("diagnose", table1_file, "--no-figures", "--out", out / "diagnosis").code == 0

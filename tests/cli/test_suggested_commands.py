@@ -3,7 +3,6 @@
 import re
 import shlex
 import sys
-from dataclasses import fields, replace
 from itertools import chain
 from pathlib import Path
 
@@ -12,17 +11,9 @@ import pytest
 
 from tumblecal.cli.commands import app
 from tumblecal.cli.model_options import StatedModel
-from tumblecal.cli.options import ModelOptions
 from tumblecal.data import write_positions
-from tumblecal.data.files import _folder_words
 from tumblecal.data.positions import joined_arguments
-from tumblecal.estimation.methods import all_methods, checked
-from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
-from tumblecal.recordings.options import RecordingOptions
-from tumblecal.show.calibration import words_of_calibration
-from tumblecal.show.narrow import folded
-from tumblecal.show.verdict import verdict_lines
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -85,14 +76,6 @@ def invoked(monkeypatch):
     return invoke
 
 
-def test_every_shared_option_is_one_of_the_command_and_none_is_forgotten():
-    assert set(STATED) == EVERY
-    names = {f"--{field.name.replace('_', '-')}" for field in fields(ModelOptions)}
-    assert all(names <= set(SHARED[command]) for command in ("calibrate", "diagnose", "budget"))
-    names = {f"--{field.name.replace('_', '-')}" for field in fields(RecordingOptions)}
-    assert all(names <= set(SHARED[command]) | {"--gravity"} for command in ("reduce", "import", "apply", "check"))
-
-
 @pytest.mark.parametrize("command", SHARED)
 def test_what_was_stated_is_stated_again(invoked, command):
     """Every second option is written with `=`."""
@@ -114,25 +97,6 @@ def test_what_was_stated_is_stated_again(invoked, command):
     assert given.count("--prior") == (2 if "--prior" in SHARED[command] else 0)
     parsed(given[1:])
     assert shlex.split(suggested(command, Path("-a.csv"), less=EVERY)) == ["tumblecal", command, "./-a.csv"]
-
-
-def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked, table1, tmp_path):
-    """What a calibration with residuals beyond the stated noise says, under the command line that runs."""
-    invoked("calibrate", "my data.csv", "--noise-sd", "0.01 mg", "--columns", "ax_g=AccX,position=pos", "-q")
-    expected = ["diagnose", "my data.csv", "--noise-sd", "0.01 mg", "--columns", "ax_g=AccX,position=pos"]
-    data = replace(table1, temperature_degc=np.linspace(20, 26, 24), source="my data.csv")
-    made = all_methods(StatedModel(noise_sd=1e-5).problem(data))
-    verdict = words_of_calibration(made).verdict
-    # On a narrow terminal the command is on a line of its own, whole.
-    for text in (folded(made.judgements[0].advice, 40), "\n".join(verdict_lines(verdict, 40))):
-        (line,) = [line.strip() for line in text.splitlines() if "tumblecal " in line]
-        assert line == shlex.join(["tumblecal", *expected]) and parsed(words(line))["model"].noise_sd == "0.01 mg"
-    turned = replace(table1, readings=table1.readings[:, [1, 0, 2]], source="my data.csv")
-    with pytest.raises(InputError) as refused:
-        checked(turned)
-    assert words(refused.value.faults[0]) == expected
-    (tmp_path / "journal.log").touch()
-    assert words(_folder_words(tmp_path)) == ["reduce", str(tmp_path)]
 
 
 def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path, monkeypatch, table1):

@@ -69,19 +69,3 @@ def test_what_must_not_be_used_is_rejected(tumblecal, tmp_path, refused, command
     assert outcome.code == 0 and "no: two rows exchanged" in outcome.out
     if command == "export":
         assert "use: no: two rows exchanged" in (tmp_path / "out.csv").read_text()
-
-
-def test_rows_outside_the_temperatures_are_counted(tumblecal, tmp_path):
-    """Though the calibration has no thermal term, and cells that are no temperatures do not matter."""
-    use = Use("within", "a dependence on temperature outside this range was not measured", (24.0, 26.5))
-    write_calibration(tmp_path / "cal.json", of_unit(use))
-    degc = [23.9, 24.0, 25.0, 26.5, 26.6, 40.0, ""]
-    rows = "\n".join(f"{own},0,0,1" for own in degc)
-    (tmp_path / "log.csv").write_text(f"temperature_degc,ax_g,ay_g,az_g\n{rows}\n")
-    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
-    assert outcome.code == 0 and "yes, from 24 to 26.5 degC only: a dependence" in outcome.out
-    (said,) = [line for line in outcome.lines if "WARNING" in line]
-    assert "temperatures in 3 of 7 rows (the first: line 2) are beyond the 24 to 26.5 degC of the calibration" in said
-    # Without such a column nothing is counted.
-    (tmp_path / "log.csv").write_text("ax_g,ay_g,az_g\n0,0,1\n")
-    assert tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv").lines == []

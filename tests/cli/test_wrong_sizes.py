@@ -60,10 +60,3 @@ def test_moving_rows_are_refused_with_a_command_that_works(tumblecal, tmp_path, 
     suggested = shlex.split(outcome.lines[0].partition("run: ")[2])
     assert suggested == ["tumblecal", "reduce", "log.csv", "--static"]
     assert "no interval at rest" in tumblecal(*suggested[1:], "--no-figures").lines[-1]
-
-
-def test_too_many_attitudes_for_a_fit_are_a_sentence(tumblecal, tmp_path):
-    """Of 1 g, as if turned slowly: nothing is wrong with their size."""
-    head = ["# attitudes: unknown", "position,ax_g,ay_g,az_g"]
-    outcome = tumblecal("diagnose", write_rows(tmp_path / "set.csv", directions(601), head, first="p"))
-    assert outcome.code == 2 and "601 positions of unknown attitude, but at most 600" in outcome.lines[-1], outcome

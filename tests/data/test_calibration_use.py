@@ -7,8 +7,7 @@ import pytest
 
 from tumblecal import InputError
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
-from tumblecal.data.calibration_use import NOT_STATED, StatedUse, Use, combined
-from tumblecal.ground.strict_json import validated
+from tumblecal.data.calibration_use import Use, combined
 
 
 SAID = [
@@ -52,33 +51,6 @@ def test_use_is_kept_and_shown(tmp_path, use, record, words):
     back = read_calibration(path)
     assert back.use == use and back.use.words == words and f"use: {words}" in repr(back)
     assert "use" not in back.extra
-
-
-def test_a_file_of_an_earlier_version_states_no_use(tmp_path):
-    path = tmp_path / "calibration.json"
-    write_calibration(path, plain())
-    assert "use" not in json.loads(path.read_text())
-    back = read_calibration(path)
-    assert back.use is NOT_STATED and not back.use.refused
-    assert "use: not stated: the calibration file does not state it" in repr(back)
-
-
-WRONG = [
-    ("yes", "use: must be an object"),
-    ({"answer": "maybe"}, "use.answer: must be 'yes', 'within', 'only', 'not tested' or 'no' (got 'maybe')"),
-    ({"answer": "within"}, "temperature_degc must be stated with 'within'"),
-    ({"answer": "yes", "temperature_degc": [1, 2]}, "not with 'yes'"),
-    ({"answer": "within", "temperature_degc": [30, 20]}, "the lowest temperature must come first"),
-    ({"answer": "only"}, "parameters must be listed with 'only'"),
-    ({"answer": "no", "expanded_g": -1}, "use.expanded_g: must be above 0 (got -1)"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("stated", "fault"), WRONG, ids=[fault for _, fault in WRONG])
-def test_a_use_that_is_not_understood_is_rejected(stated, fault):
-    with pytest.raises(InputError) as caught:
-        validated(stated, StatedUse, "c.json", "use")
-    assert str(caught.value).startswith("c.json: use") and fault in str(caught.value)
 
 
 def test_no_is_rejected_unless_the_user_insists():

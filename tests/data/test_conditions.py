@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from position_text import faults, written
 
-from tumblecal.data import read_positions
-
 
 def file_with(path, column, values):
     """Positions by 45 degrees of the spindle, with one column more."""
@@ -17,23 +15,6 @@ def file_with(path, column, values):
 
 
 STEPS = np.arange(24.0)
-COUNTS = 2231.0 + 3 * STEPS
-
-
-def test_raw_counts_are_no_temperatures(tmp_path):
-    (told,) = faults(file_with(tmp_path, "temperature_degc", COUNTS))
-    assert ":line 2, column temperature_degc: 2231 degC is not a possible temperature of a triad" in told
-    assert "raw counts or a different unit, write degC" in told and told.endswith("(also in lines 3, 4 and 21 more)")
-    one = np.where(STEPS == 4, 999.0, 23.0)
-    (told,) = faults(file_with(tmp_path, "temperature_degc", one))
-    assert ":line 6, column temperature_degc: 999 degC is not" in told
-
-
-@pytest.mark.parametrize("usual", [-60 + STEPS, 150 + 3 * STEPS, 273.15 + 3 * STEPS, 0 * STEPS])
-def test_temperatures_of_ovens_and_kelvin_are_read(tmp_path, usual):
-    np.testing.assert_array_equal(
-        read_positions(file_with(tmp_path, "temperature_degc", usual)).temperature_degc, usual
-    )
 
 
 @pytest.mark.parametrize(
@@ -49,10 +30,3 @@ def test_times_in_another_unit_are_told(tmp_path, times, told):
     """A drift came out as 5.93e+03 mg/h."""
     (fault,) = faults(file_with(tmp_path, "time_s", times))
     assert ":line 2, column time_s: " in fault and told in fault
-
-
-@pytest.mark.parametrize(
-    "times", [0.5 * STEPS, 1.7e9 + 0.5 * STEPS, 86400 * STEPS, 0 * STEPS, 0.5 * (STEPS % 6), 0.5 * STEPS[::-1]]
-)
-def test_seconds_are_read(tmp_path, times):
-    np.testing.assert_array_equal(read_positions(file_with(tmp_path, "time_s", times)).time_s, times)

@@ -99,22 +99,3 @@ def test_a_spreadsheets_numbers_are_read_or_refused(tmp_path_factory, times, pla
             and places == 0
             and all("column time_s" in fault and " may be " in fault for fault in refused.faults)
         )
-
-
-@pytest.mark.parametrize(
-    ("cell", "words"),
-    [
-        ("-1,000.6675", "the comma is a thousands separator; write -1000.6675"),
-        ("1.000,5", "the point is a thousands separator; write 1000.5"),
-        ("1,200", "if the comma is a thousands separator, write 1200; if it is a decimal mark, 1.200"),
-        ("1,25", "use a decimal point"),
-    ],
-)
-def test_words_for_what_is_no_number_between_commas(tmp_path, cell, words):
-    header = [*HEADER, "time_s"]
-    rows = [[f"p{k}", "0", "45", *row, "0"] for k, row in enumerate(READINGS)]
-    rows[1][header.index("time_s")] = f'"{cell}"'
-    (tmp_path / "a.csv").write_text("\n".join(",".join(row) for row in (header, *rows)))
-    with pytest.raises(InputError) as refused:
-        read_positions(tmp_path / "a.csv")
-    assert refused.value.faults == (f"{tmp_path}/a.csv:line 3, column time_s: {cell!r} is not a number; {words}",)

@@ -31,13 +31,6 @@ def test_rows_follow_each_other():
     assert both.comments == {"operator": "A"}
 
 
-def test_one_g_is_the_same_in_all():
-    here, there = ({"gravity_ms2": value} for value in ("9.8123", "9.7803"))
-    with pytest.raises(InputError, match=r"one g differs .* 0\.csv 9\.8123, 10\.csv 9\.7803; .*--gravity"):
-        joined([part(0, comments=here), part(10, comments=there)])
-    assert len(joined([part(0, comments=here), part(10, comments={})])) == 6
-
-
 def test_each_file_is_a_run_of_its_own_unless_it_says_so():
     def runs(*sets):
         return joined(with_separate_runs(sets)).run
@@ -100,18 +93,3 @@ def test_files_by_two_clocks_and_what_is_not_a_pause():
     with pytest.raises(InputError, match=r"10\.csv: comment time_zero: 'yesterday' is not a date and time"):
         joined_clocks([sets[0], damaged])
     assert joined([sets[0], part(10)]).time_s is None
-
-
-def test_faults_of_every_file_are_kept():
-    """Only the first file's comment was kept."""
-    first = {"within_dwells": "x follows the time", "within_dwells_time_mg": "3", "operator": "A"}
-    second = {"within_dwells": "y follows it", "within_dwells_time_mg": "12.5", "operator": "B"}
-    third = {"identity_not_confirmed": "position p3: no serial number stated", "within_dwells_temperature_mg": "7"}
-    said = joined([part(0, comments=first), part(10, comments=second), part(20, comments=third)]).comments
-    assert said == {
-        "operator": "A",
-        "within_dwells": "0: x follows the time 10: y follows it",
-        "within_dwells_time_mg": "12.5",
-        "within_dwells_temperature_mg": "7",
-        "identity_not_confirmed": "20: position p3: no serial number stated",
-    }

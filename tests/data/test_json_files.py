@@ -110,14 +110,3 @@ def test_a_fault_is_one_line_with_file_key_and_remedy(tmp_path, name, keys, valu
         reader(path)
     (fault,) = caught.value.faults
     assert fault.startswith(f"{path}{words}")
-
-
-@pytest.mark.parametrize("name", READERS)
-def test_a_truncated_file_is_named_with_its_line(tmp_path, name):
-    content, reader = READERS[name]
-    path = tmp_path / f"{name}.json"
-    path.write_text(json.dumps(content, indent=1)[:-20])
-    with pytest.raises(InputError) as caught:
-        reader(path)
-    (fault,) = caught.value.faults
-    assert fault.startswith(f"{path}:line ") and ": not JSON: " in fault

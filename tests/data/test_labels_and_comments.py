@@ -65,22 +65,6 @@ def test_contradictory_comments_are_refused(tmp_path):
     assert read_positions(path).comments["gravity_ms2"] == "9.8"
 
 
-def test_numpys_header_stands_behind_the_mark_of_a_comment(tmp_path):
-    data = read_positions(written(tmp_path / "a.csv", "# serial_number: 9", f"# {HEADER}", "# by savetxt", *ROWS))
-    assert data.names == ("a", "b", "c") and data.comments == {"serial_number": "9"}
-    named = written(tmp_path / "b.csv", f"# {HEADER}", HEADER, *ROWS)
-    assert len(read_positions(named)) == 3
-
-
-@pytest.mark.parametrize("first", ["SEP=;", '"sep=;"', "sep=;;;;;;"])
-def test_excels_first_line_says_the_separator(tmp_path, first):
-    rows = [row.replace(",", ";").replace(".", ",") for row in ROWS]
-    data = read_positions(written(tmp_path / "a.csv", first, HEADER.replace(",", ";"), *rows))
-    assert data.names == ("a", "b", "c") and data.readings[2].tolist() == [-0.7, 0.001, 0.7]
-    (fault,) = faults(written(tmp_path / "b.csv", "sep=:", HEADER.replace(",", ":"), *rows))
-    assert "line 1: ':' as separator; write the columns with commas, semicolons, tabs or pipes" in fault
-
-
 def test_no_row_is_lost_as_a_comment(tmp_path):
     rows = [HEADER, ROWS[0], "#8" + ROWS[1][1:], "# aside, 1 g is 9.81", "# left out: " + ROWS[1], *ROWS[1:]]
     path = written(tmp_path / "a.csv", *rows)
@@ -90,55 +74,6 @@ def test_no_row_is_lost_as_a_comment(tmp_path):
         (fault,) = refused.value.faults
         assert "a.csv:line 3: begins with # like a comment" in fault and "write '8' without the #" in fault
     assert len(read_positions(written(path, *rows[:2], *rows[3:]))) == 3
-
-
-@pytest.mark.parametrize(
-    ("column", "cell", "words"),
-    [
-        ("alpha_deg", "45°30'10", "write degrees with decimals, such as 45.5 for 45°30'"),
-        ("time_s", "10:05:00", "write a number, such as the seconds since the first position"),
-        ("time_s", "−0.5", "write -0.5"),
-        ("time_s", "1\u202f200.5", "write 1200.5"),
-        ("approach", "up", "write +1 or -1"),
-        ("time_s", "23.5s", "write 23.5, without the unit s"),
-        ("ax_g", "up", "write one"),
-    ],
-)
-def test_what_people_write_for_numbers_is_told_how_to_be_written(tmp_path, column, cell, words):
-    names = HEADER.replace(column, "run").split(",")
-    path = written(tmp_path / "a.csv", ",".join([*names, column]), *(f"{row},{cell}" for row in ROWS))
-    assert f"line 2, column {column}: {cell!r} is not a number; {words}" in faults(path)[0]
-
-
-def test_empty_columns_without_a_name_are_none(tmp_path):
-    rows = [",".join([*row.split(",")[:3], "", *row.split(",")[3:], "", ""]) for row in (HEADER, *ROWS)]
-    data = read_positions(written(tmp_path / "a.csv", *rows))
-    assert len(data) == 3 and data.readings[2].tolist() == [-0.7, 0.001, 0.7]
-    (fault,) = faults(written(tmp_path / "a.csv", *rows[:2], rows[2] + "0.3", rows[3]))
-    assert "line 1, column (no name): unknown column" in fault
-
-
-@pytest.mark.parametrize(
-    ("above", "line"),
-    [(["Measurement of unit 17"], 2), (["Measurement of unit 17,,,,,", ""], 3), (["position,angles,,readings,,"], 2)],
-)
-def test_a_title_above_the_header_is_told_once(tmp_path, above, line):
-    (fault,) = faults(written(tmp_path / "a.csv", *above, HEADER, *ROWS * 10))
-    assert f"a.csv:line 1: '{above[0].rstrip(',')}' is not a header: line {line} names the columns" in fault
-    assert fault.endswith("write # before line 1")
-    assert len(read_positions(written(tmp_path / "a.csv", "# " + above[0], *above[1:], HEADER, *ROWS))) == 3
-
-
-@pytest.mark.parametrize("name", ["time_s", "temperature_degc", "approach", "n", "ax_sd_g,ay_sd_g,az_sd_g"])
-def test_columns_that_are_empty_throughout_are_none(tmp_path, name):
-    """Of sd columns all or none."""
-    empty = "," * name.count(",")
-    data = read_positions(with_labels(tmp_path / "a.csv", name, *[empty] * 3))
-    assert data.temperature_degc is None and data.sd is None and data.n is None and data.approach is None
-    (fault,) = faults(with_labels(tmp_path / "a.csv", "temperature_degc", "", "20", "20"))
-    assert "line 2, column temperature_degc: the cell is empty" in fault
-    (fault, *_) = faults(with_labels(tmp_path / "a.csv", "ax_sd_g,ay_sd_g,az_sd_g", *["1e-4,,1e-4"] * 3))
-    assert "line 2, column ay_sd_g: the cell is empty" in fault
 
 
 def test_a_cell_in_quotation_marks_may_go_over_lines(tmp_path):

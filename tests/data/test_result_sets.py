@@ -110,17 +110,6 @@ def test_a_kill_at_any_event_leaves_files_of_one_set_alone_and_the_next_set_is_w
     assert told > 5
 
 
-def test_a_kill_of_the_first_set_leaves_nothing_or_a_set_that_the_next_command_completes(tmp_path):
-    with_parts = 0
-    for folder in at_every_event(tmp_path, "killed", old={}):
-        assert contents(folder).items() <= NEW.items()
-        with_parts += contents(folder) not in ({}, NEW)
-        with result_set(folder, ("budget.json",)):
-            pass
-        assert contents(folder) in ({}, NEW) and not hidden(folder)
-    assert with_parts > 1
-
-
 def test_an_interrupt_at_any_event_leaves_one_whole_set(tmp_path):
     for folder in at_every_event(tmp_path, "interrupted"):
         assert contents(folder) in (OLD, NEW) and not hidden(folder)

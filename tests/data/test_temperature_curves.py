@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from tumblecal.data.calibration import Calibration, calibration_text, read_calibration
-from tumblecal.data.calibration_table import calibration_table
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves, order_of_covariance
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.history.comparison import common_temperature
-from tumblecal.history.folders import of_folder
 
 
 T0, RANGE = 22.0, (-10.0, 60.0)
@@ -176,13 +174,6 @@ def test_the_file_is_read_and_written_without_a_change(tmp_path, root):
     np.testing.assert_array_equal(back.at(50.0).covariance, own.at(50.0).covariance)
 
 
-def test_a_covariance_of_few_soaks_is_read_though_it_is_singular(tmp_path, root):
-    for few in (root[:, :1], root[:, :4], np.zeros((len(root), 1))):
-        (tmp_path / "calibration.json").write_text(calibration_text(calibration(curves(few))))
-        back = read_calibration(tmp_path / "calibration.json")
-        np.testing.assert_allclose(back.temperature.covariance, few @ few.T, rtol=1e-12, atol=1e-30)
-
-
 def test_a_fault_names_the_key(tmp_path, root):
     path = tmp_path / "calibration.json"
     content = json.loads(calibration_text(calibration(curves(root, (Hysteresis("bias_x", 1e-4, "g"),)))))
@@ -218,23 +209,6 @@ def test_a_fault_names_the_key(tmp_path, root):
     )
 
 
-def test_the_lookup_table_is_the_calibration_at_each_temperature(root):
-    own = calibration(curves(root, (Hysteresis("bias_y", 6e-5, "g"),)))
-    rows = calibration_table(own, [-10.0, 30.0, 60.0])
-    names = [*(f"dK_{a}" for a in "xyz"), *(f"bias_{a}_g" for a in "xyz"), *(f"gamma_{k}_rad" for k in (21, 31, 32))]
-    assert [*rows[0]] == ["temperature_degc", *(column for name in names for column in (name, f"u_{name}"))]
-    for row in rows:
-        sensor = own.at(row["temperature_degc"]).sensor
-        np.testing.assert_allclose(
-            [row[name] for name in names], parameters_at([row["temperature_degc"]])[0], atol=1e-15
-        )
-        np.testing.assert_allclose([row[f"u_{name}"] for name in names], sensor.sd, rtol=1e-12)
-    with pytest.raises(InputError, match="outside the measured"):
-        calibration_table(own, [61.0])
-    with pytest.raises(InputError, match="do not follow temperature"):
-        calibration_table(replace(own, temperature=None), [25.0])
-
-
 def test_calibrations_are_compared_at_a_common_temperature(tumblecal, tmp_path, root):
     own = calibration(curves(root))
     (at_30,) = parameters_at([30.0])
@@ -248,20 +222,3 @@ def test_calibrations_are_compared_at_a_common_temperature(tumblecal, tmp_path, 
     assert own.temperature.usual_degc == 25.0 and common_temperature(own, own) == T0
     outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "hot.json")
     assert outcome.code == 2 and len(outcome.lines) == 1 and "no common temperature" in outcome.lines[0]
-
-
-def test_a_history_takes_the_values_at_25_degc(tmp_path, root):
-    """Calibrations with different reference temperatures have comparable values."""
-    (tmp_path / "calibration.json").write_text(
-        calibration_text(calibration(curves(root), provenance={"data": "a.csv"}))
-    )
-    result = {
-        "schema": "tumblecal.result/1",
-        "source": {"data": "a.csv", "sha256": None},
-        "methods": {"exact": {"code": "OK"}},
-        "noise": {"kind": "stated", "rms_g": None, "chi2_p_value": None},
-    }
-    (tmp_path / "result.json").write_text(json.dumps(result))
-    entry = of_folder(tmp_path, "calibration")
-    assert "; values at 25 degC" in entry.outcome
-    np.testing.assert_allclose(entry.parameters.values, parameters_at([25.0])[0], rtol=0, atol=1e-15)

@@ -1,10 +1,9 @@
 """`tumblecal export`: the gravity that a calibration states, and options on which nothing depends."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
-from test_targets import THERMAL, G, unit
+from test_targets import G, unit
 
 from tumblecal.data.calibration import write_calibration
 from tumblecal.ground.gravity import STANDARD, Gravity
@@ -25,20 +24,6 @@ def test_one_g_is_the_calibration_s_where_it_says_so(tumblecal, tmp_path):
         write_calibration(path, replace(own, gravity=its))
         outcome = tumblecal("export", path, "--to", "imu_tk", "--gravity", option)
         np.testing.assert_allclose(np.array(outcome.out.split()[-3:], float), own.bias * right, rtol=1e-12)
-
-
-def test_an_option_without_effect_is_said(tumblecal, tmp_path):
-    path, reduction = tmp_path / "calibration.json", tmp_path / "reduction.json"
-    write_calibration(path, replace(unit(THERMAL, dK=20e-3), gravity=None))
-    axis = {"noise": {"white_g_per_rthz": 1e-5, "walk_g_per_rts": 0.0}}
-    reduction.write_text(json.dumps({"axes": dict.fromkeys("xyz", axis)}))
-    given = {"gravity": "9.79", "temperatures": "0:60", "noise": reduction}
-    heeded = {"px4": {"gravity", "temperatures"}, "csv": set(), "kalibr": {"gravity", "noise"}, "ros": {"gravity"}}
-    for to, used in heeded.items():
-        options = [word for name, value in given.items() for word in (f"--{name}", value)]
-        outcome = tumblecal("export", path, "--to", to, *options)
-        said = {line.split()[0][2:] for line in outcome.lines if "no effect on the export" in line}
-        assert outcome.code == 0 and said == given.keys() - used
 
 
 def test_drift_terms_are_a_loss_not_a_fault(tumblecal, tmp_path):

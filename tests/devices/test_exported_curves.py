@@ -1,7 +1,5 @@
 """Curves of temperature in every target, by its own formula (tests/device_formulas.py) next to apply."""
 
-import json
-import re
 import shutil
 import subprocess
 
@@ -9,11 +7,10 @@ import numpy as np
 import pytest
 from test_targets import FORMULAS, MAIN, TERMS, G, applied, attitudes
 
-from tumblecal import InputError
-from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, triad_of
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves, order_of_covariance
-from tumblecal.devices import TARGETS, Export, losses, read_any
+from tumblecal.devices import TARGETS, Export, losses
 from tumblecal.ground.gravity import Gravity
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
@@ -128,64 +125,3 @@ def test_the_header_in_c_agrees_to_rounding_and_keeps_the_ends(tmp_path, real, t
         expected = own.corrected(readings, np.clip(degc, *SPAN))
     clear = np.abs(expected[:, 1]) > 0.01
     np.testing.assert_allclose(np.frombuffer(out).reshape(-1, 3)[clear], expected[clear], rtol=0, atol=tolerance)
-
-
-@pytest.mark.parametrize("step", [None, 3.3])
-@pytest.mark.parametrize("name", ["json", "csv", "c-header"])
-def test_curves_and_tables_are_read_again(tmp_path, name, step):
-    own = unit("spline")
-    (path := tmp_path / "file").write_text(exported(name, own, table_step_degc=step)[0])
-    back = read_any(f"{name}:{path}", G)
-    width = step or 5.0
-    rows = np.append(np.arange(-10.0, 60.0 - 1e-9, width), 60.0)
-    exact = name == "json" or (name == "c-header" and step is None)
-    degc = np.linspace(*SPAN, 97) if exact else rows
-    force = attitudes(len(degc))
-    np.testing.assert_allclose(back.corrected(readings_of("spline", force, degc), degc), force, atol=1e-12)
-    if not exact:
-        middle = (rows[1:] + rows[:-1]) / 2
-        force = np.zeros((len(middle), 3))
-        error = back.corrected(readings_of("spline", force, middle), middle)
-        chord = at("spline", middle)[:, 3:6] - (at("spline", rows)[1:, 3:6] + at("spline", rows)[:-1, 3:6]) / 2
-        assert 1e3 * np.max(np.abs(error)) == pytest.approx(1e3 * np.max(np.abs(chord)), rel=0.02)
-        loss = next(loss for loss in exported(name, own, table_step_degc=step)[1] if "interpolation" in loss.what)
-        assert loss.mg == pytest.approx(1e3 * np.max(np.abs(chord)), rel=0.05)
-    if name == "json":
-        np.testing.assert_array_equal(back.temperature.covariance, own.temperature.covariance)
-    for old, new in (('"order": 3', '"order": 9'), ("bias_x_g", "bias_x"), ("table[", "tables[")):
-        path.write_text(path.read_text().replace(old, new))
-    if name != "c-header" or step is None:
-        with pytest.raises(InputError, match=r"file: "):
-            read_any(f"{name}:{path}", G)
-
-
-def test_export_of_curves_on_the_command_line(tumblecal, tmp_path):
-    path = tmp_path / "calibration.json"
-    write_calibration(path, unit("cubic"))
-    csv = tumblecal("export", path, "--to", "csv", "--temperatures", "0:60", "--table-step", "20")
-    rows = [line.split(",") for line in csv.out.splitlines() if line[0] != "#"]
-    assert [row[0] for row in rows] == ["temperature_degc", "0.0", "20.0", "40.0", "60.0"]
-    column = rows[0].index("bias_x_g")
-    np.testing.assert_allclose(
-        [float(row[column]) for row in rows[1:]], at("cubic", np.array([0.0, 20, 40, 60]))[:, 3], rtol=1e-12
-    )
-    assert float(rows[1][column + 1]) == pytest.approx(np.hypot(1e-5, 1e-4 / np.sqrt(3)))  # noise and hysteresis
-    assert any("lost: temperature (linear interpolation between 4 rows), from 0 to 60 degC" in x for x in csv.lines)
-    (line,) = [x for x in tumblecal("export", path, "--to", "ros", "--at", "40").lines if x.startswith("lost: ")]
-    assert re.match(
-        r"lost: temperature \(all parameters: values at 40 degC\), from -10 to 60 degC: up to [\d.]+ mg", line
-    )
-    px4 = tumblecal("export", path, "--to", "px4", "--at", "40").out
-    assert "TC_A0_TREF\t40\t" in px4 and "TC_A0_TMIN\t-10\t" in px4 and "TC_A0_TMAX\t60\t" in px4
-    header = tumblecal("export", path, "--to", "c-header", "--at", "40").out
-    assert "temperature_degc" not in header
-    stated = json.loads(tumblecal("export", path, "--to", "json").out)["temperature"]
-    assert stated == json.loads(path.read_text())["temperature"]
-    for options, words in (
-        (["--to", "ros", "--at", "90"], "--at 90: outside the range of -10 to 60 degC; widen --temperatures"),
-        (["--to", "csv", "--table-step", "1e-3"], "more than 2000 rows; give a longer step"),
-    ):
-        outcome = tumblecal("export", path, *options)
-        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
-    outcome = tumblecal("export", path, "--to", "ros", "--table-step", "2")
-    assert any("--table-step 2.0: no effect on the export" in line for line in outcome.lines)

@@ -1,7 +1,5 @@
 """Files of other programs read back: the same numbers, or a line that says which is none."""
 
-import re
-
 import numpy as np
 import pytest
 from test_targets import TERMS, G, exported, unit
@@ -40,37 +38,3 @@ def test_files_that_are_none_are_one_line(tmp_path, name):
         read_any(f"ros:{path}")
     with pytest.raises(InputError, match="formats: c-header"):
         read_any(f"px5:{path}")
-
-
-@pytest.mark.parametrize(
-    ("name", "line"),
-    [
-        ("px4", "1\t1\tCAL_ACC0_XOFF\t{}\t9\n"),
-        ("ardupilot", "INS_ACCOFFS_X,{}\n"),
-        ("ardupilot", "INS_ACCOFFS_X = {}\n"),
-    ],
-)
-def test_an_offset_that_cannot_be_read_is_not_taken_for_none(tmp_path, name, line):
-    path, key = tmp_path / "file", line.split("\t")[-3] if "\t" in line else "INS_ACCOFFS_X"
-    text, _ = exported(name, unit())
-    own = re.compile(rf"^.*{key}.*\n", re.MULTILINE)
-    path.write_text(own.sub(line.format("0.5"), text))
-    assert read_any(f"{name}:{path}", G).bias[0] == pytest.approx(0.5 / G)
-    for value in ("nan", "0,00933", "abc", "-0.0072x41", "inf", "", "1e999"):
-        path.write_text(own.sub(line.format(value), text))
-        with pytest.raises(InputError, match=rf"file: {key}: '{value}\d*' is not a number"):
-            read_any(f"{name}:{path}", G)
-    path.write_text(own.sub("", text))
-    with pytest.raises(InputError, match=rf"file: {key} is missing; add it to the file"):
-        read_any(f"{name}:{path}", G)
-
-
-@pytest.mark.parametrize("name", ["kalibr", "matlab", "ros", "c-header"])
-def test_a_word_among_the_numbers_of_a_matrix_is_not_passed_over(tmp_path, name):
-    (path := tmp_path / "file").write_text(exported(name, unit())[0])
-    key = {"kalibr": "M:\n    - [", "matlab": "A = [", "ros": "SM: [", "c-header": "matrix[3][3] = {"}[name]
-    for word in ("nan", "abc"):
-        text = path.read_text()
-        (tmp_path / "wrong").write_text(text.replace(key, f"{key}{word}, "))
-        with pytest.raises(InputError, match=f"'{word}' in place of a number"):
-            read_any(f"{name}:{tmp_path / 'wrong'}", G)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from device_formulas import FORMULAS, applied, numbers
-from tumblecal import InputError
 from tumblecal.cli.export import Format
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.devices import TARGETS, Export, losses
@@ -93,18 +92,6 @@ def test_a_drift_is_a_loss_over_the_run_time(name):
     _, lost = exported(name, own)
     each = next(loss for loss in lost if loss.what == "drift (k)")
     assert each.mg == pytest.approx(0.3, rel=0.03) and str(each).endswith(" mg per h")
-
-
-def test_px4_drops_a_good_triad_s_correction_and_that_is_said():
-    text, lost = exported("px4", unit(dK=1e-3, bias=0.5e-3))
-    words = next(loss for loss in lost if "dead band" in loss.what)
-    assert "the offsets" in words.what and "the scale factors" in words.what and words.mg > 0.5
-    np.testing.assert_allclose(applied("px4", text, np.eye(3), 0.0, G), np.eye(3), rtol=0, atol=1e-15)
-
-
-def test_ardupilot_refuses_what_the_vehicle_would():
-    with pytest.raises(InputError, match=r"offsets up to 3.5 m/s\^2"):
-        exported("ardupilot", unit(bias=0.4))
 
 
 MAIN = """

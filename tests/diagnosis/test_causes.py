@@ -7,7 +7,6 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
-from tumblecal.diagnosis.causes import exchanged_pairs
 from tumblecal.diagnosis.causes.faults import mislabel, outlier, swap
 from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.plan_steps import plan_steps
@@ -80,18 +79,6 @@ def test_a_mislabelled_angle_goes_there_and_back(problem, there, back):
         for name, index in problem.where.groups.items():
             np.testing.assert_array_equal(right.where.groups[name], index)
     assert exact.fit(wrong).rms > 1e-4 and exact.fit(right).rms < 1e-9
-
-
-def test_of_many_positions_any_two_that_were_exchanged(diagnoser, monkeypatch):
-    """Rows more than 34 apart were no candidates: two outlier positions were named. 24 positions count as many here."""
-    monkeypatch.setattr(exchanged_pairs, "MOST_PAIRS", 100)
-    rng, effects = np.random.default_rng(17), {"index_eccentricity": [2e-3, -1e-3]}
-    setup = blind.random_setup(rng, 3, 8)
-    readings = blind.readings(setup, setup.nominal, effects)
-    readings += blind.SIGMA * rng.normal(size=readings.shape)
-    readings[[2, 21]] = readings[[21, 2]]
-    diagnosis = diagnoser(position_set(setup, readings, True))
-    assert set(diagnosis.best.labels) == {f"swapped_positions:{setup.names[2]}+{setup.names[21]}", *effects}
 
 
 def test_signals_of_jumps_are_those_of_the_blind_instrument(hidden, diagnoser):

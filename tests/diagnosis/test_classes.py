@@ -7,11 +7,9 @@ import pytest
 from made import classes, measured, of_size
 
 import blind_instrument as blind
-from tumblecal.chain import settings
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
 from tumblecal.lab.extended_rig import extended_rig_text
-from tumblecal.show.diagnosis import verdict_of_diagnosis
 
 
 def added(data: PositionSet, rows, change) -> PositionSet:
@@ -25,30 +23,6 @@ def test_along_the_spindle_bias_and_scale_factor_by_setting_are_one_class(hidden
     name, setup = "scale_by_pitch.x", blind.random_setup(np.random.default_rng(1), 4, 12)
     diagnosis = diagnoser(hidden(1, {name: of_size(setup, name, [-0.05, -0.6, 0.75], 100)}, plan=(4, 12)))
     assert {("bias_by_pitch.x",), (name,)} <= classes(diagnosis) and diagnosis.verdict == "ambiguous"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("begins", "verdict"), [((17,), "identified"), ((7, 19, 31), "ambiguous")])
-def test_one_jump_is_a_jump_and_several_may_be_something_that_comes_and_goes(hidden, diagnoser, begins, verdict):
-    data = hidden(3, {}, plan=(4, 12))
-    there = np.sum(np.arange(len(data))[:, None] >= begins, axis=1) % 2
-    diagnosis = diagnoser(added(data, there, [0.0, 2e-3, 0.0]))
-    assert diagnosis.verdict == verdict
-    assert {label.partition(":")[0] for label in diagnosis.labels} == {"bias_jump"}
-    assert (("unexplained",) in diagnosis.best.equivalents) == (len(begins) > 1)
-    assert ("usually imitate one effect" in verdict_of_diagnosis(diagnosis).words()) == (len(begins) > 1)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("off", "verdict"), [((5, 30), "identified"), ((17, 18), "ambiguous"), ((12, 23), "ambiguous")]
-)
-def test_outlier_positions_that_are_neighbours_may_be_one_thing(hidden, diagnoser, off, verdict):
-    """Not neighbours; measured one after the other; neighbours round the turn."""
-    data = hidden(5, {}, plan=(4, 12))
-    diagnosis = diagnoser(added(data, np.isin(np.arange(len(data)), off), [1.5e-3, -2e-3, 1e-3]))
-    assert diagnosis.labels == tuple(sorted(f"outlier_position:{data.names[k]}" for k in off))
-    assert diagnosis.verdict == verdict and (("unexplained",) in diagnosis.best.equivalents) == (verdict == "ambiguous")
 
 
 @pytest.mark.parametrize("by_setting", [False, True])
@@ -90,20 +64,6 @@ def test_no_scale_factor_that_no_sensor_has_explains_a_bias_where_the_input_is_n
     assert not any("scale_by_pitch.y" in labels for labels in classes(diagnosis))
 
 
-@pytest.mark.parametrize(
-    ("effect", "size", "label"),
-    [
-        ("?step_half_way.y", [1e-3], "bias_jump"),
-        pytest.param("?mount_slip", [1e-3, 6e-4, -8e-4], "mount_slip", marks=pytest.mark.long),
-    ],
-)
-def test_a_jump_is_named_with_its_position(hidden, diagnoser, effect, size, label):
-    data = hidden(2, {effect: size})
-    diagnosis = diagnoser(data)
-    assert diagnosis.verdict == "identified" and diagnosis.labels == (f"{label}:{data.names[12]}",)
-    assert diagnosis.extended.rms < 1.3 * blind.SIGMA < diagnosis.nominal.rms
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("id", ["warm_up", "bias_drift.y"])
 def test_runs_with_a_clock_each(diagnoser, id):
@@ -126,48 +86,6 @@ def test_runs_with_a_clock_each(diagnoser, id):
     diagnosis = diagnoser(data)
     assert (id,) in classes(diagnosis) and diagnosis.verdict == "identified"
     assert not diagnosis.setup_errors  # runs that have a clock each are no slip
-
-
-def test_runs_with_a_clock_each_are_measured_one_after_the_other():
-    time = [0.0, 10.0, 20.0, 1.0, 11.0, 21.0]
-    where = settings(np.zeros(6), np.zeros(6), run=["1"] * 3 + ["2"] * 3, time_s=time)
-    assert np.all(np.diff(where.measuring_order) > 0)
-    # Rows of one run in another order than they were measured in stay where their times say.
-    where = settings(np.zeros(3), np.zeros(3), time_s=[20.0, 0.0, 10.0])
-    assert where.measuring_order.tolist() == [2.0, 0.0, 1.0]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("durations", "verdict"), [(6.0, "ambiguous"), (0.8, None)])
-def test_a_long_warm_up_is_a_drift_and_one_as_long_as_the_measurement_is_not(diagnoser, durations, verdict):
-    """A warm-up of 12 sigma whose time constant is so many times the duration; drift is the simpler word."""
-    for seed in (1, 2):
-        rng = np.random.default_rng(seed)
-        setup = blind.random_setup(rng, 3, 8)
-        plain, tau = blind.readings(setup, setup.nominal, {}), durations * np.ptp(setup.time_s)
-        sizes = 1e-4 * np.array([1.0, -0.8, 0.9])
-        signal = blind.readings(setup, setup.nominal, {"warm_up": [*sizes, tau]}) - plain
-        sizes *= 12 * blind.SIGMA / np.linalg.norm(blind.unreachable(setup) @ signal.ravel())
-        diagnosis = diagnoser(measured(setup, {"warm_up": [*sizes, tau]}, rng, known=bool(seed % 2)))
-        assert ("warm_up",) in classes(diagnosis)
-        if verdict:
-            drift = tuple(f"bias_drift.{axis}" for axis in blind.AXES)
-            assert drift in classes(diagnosis) and diagnosis.verdict == verdict
-
-
-@pytest.mark.long
-def test_a_position_inside_a_dead_zone_is_no_accident(diagnoser):
-    """A jump at zero input and a disturbed position were named, surely: the output is zero elsewhere than the input."""
-    rng = np.random.default_rng([16, 2])
-    setup = blind.random_setup(rng, 3, 8)
-    setup.nominal["bias"] = np.array([0.006, -0.004, 0.005])
-    data, width = measured(setup, {}, rng, known=False, noise=0.0), 0.012
-    y = data.readings[:, 1]
-    data.readings[:, 1] = np.sign(y) * np.maximum(np.abs(y) - width, 0.0)
-    diagnosis = diagnoser(replace(data, readings=data.readings + blind.SIGMA * rng.normal(size=(24, 3))))
-    assert {label.partition(":")[0] for label in diagnosis.labels} == {"bias_asymmetry.y", "outlier_position"}
-    words = verdict_of_diagnosis(diagnosis).words()
-    assert diagnosis.verdict == "ambiguous" and "close to zero input of a jump. A dead zone" in words
 
 
 def test_a_listed_set_that_leads_in_the_place_of_a_larger_one_without_a_name_is_not_claimed():

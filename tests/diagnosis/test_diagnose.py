@@ -12,7 +12,7 @@ from tumblecal.diagnosis.findings.gain import folds
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
-from tumblecal.show.diagnosis import record, verdict_of_diagnosis
+from tumblecal.show.diagnosis import verdict_of_diagnosis
 from tumblecal.show.diagnosis_page import write_diagnosis_page
 
 
@@ -61,21 +61,10 @@ def swapped(readings, rng):
     return readings
 
 
-def knocked(readings, rng):
-    readings[7] += [8e-4, -6e-4, 7e-4]
-    return readings
-
-
 def test_swapped_positions_and_an_effect(diagnoser, hidden):
     diagnosis = diagnoser(hidden(5, {"index_eccentricity": [4e-4, -3e-4]}, change=swapped))
     assert {"swapped_positions:0-4+1-3", "index_eccentricity"} in names(diagnosis)
     assert diagnosis.extended.rms < 1.5e-4
-
-
-def test_outlier_is_left_out(diagnoser, hidden):
-    diagnosis = diagnoser(hidden(6, {}, change=knocked, sd=False))
-    assert {"outlier_position:0-8"} in names(diagnosis)
-    assert not diagnosis.extended.retained[7] and diagnosis.extended.retained.sum() == 23
 
 
 def test_mislabelled_angle(diagnoser, hidden):
@@ -95,14 +84,6 @@ def test_an_entry_that_looks_like_an_effect_in_no_entry_is_stated_with_the_proba
     assert 0.02 < share < 1 - best.probability
     said = f"an effect that is not in the catalogue (probability {share:.2f})"
     assert said in verdict_of_diagnosis(diagnosis).words()
-
-
-@pytest.mark.long
-def test_a_cause_that_no_entry_describes_is_not_named(diagnoser, hidden):
-    diagnosis = diagnoser(hidden(8, {"?index_third": [5e-4, -4e-4]}, plan=(4, 12)))
-    assert diagnosis.verdict == "unexplained"
-    assert diagnosis.gain.cv_rms_after_g < 0.95 * diagnosis.gain.cv_rms_before_g
-    assert record(diagnosis, NextPlan())["unexplained"]
 
 
 def test_implausible_parameters_speak_up_before_the_verdict(diagnoser, hidden, tmp_path):

@@ -148,11 +148,3 @@ def test_a_head_that_was_levelled_again_has_two_levels(diagnoser, tmp_path):
         unit["same_as_shared"] for unit in batch["units"][:5]
     )
     assert "it changed between u2 and u3" in (tmp_path / "diagnosis.html").read_text()
-
-
-@pytest.mark.long
-def test_pitch_settings_that_changed_once_are_not_set_again_each_time(diagnoser):
-    pitch = [np.array([1.2e-3, -2.1e-3, 0.8e-3]), np.array([-0.3e-3, 0.9e-3, -1.4e-3])]
-    found = joint(diagnoser, units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
-    assert found.fit.pitch.changed == 3 and not found.fit.pitch.common and found.fit.head is None
-    assert "changed between u2 and u3" in words_of_units(found, rows(5), diagnoser.entries).text("evidence")

@@ -44,15 +44,6 @@ def test_random_effects_are_integrated_out(measured, columns):
         np.testing.assert_allclose(deviations[unit, list(columns)], predicted, atol=1e-10)
 
 
-def test_coefficients_of_every_unit_are_eliminated(measured):
-    designs, readings = measured
-    rest = equations(designs, readings).eliminated([1]).of([0, 2])
-    alone = np.asarray(block_diag(*designs[:, :, [1]]))
-    every = np.concatenate([np.concatenate(designs[:, :, [0, 2]]), alone], axis=1)
-    solution = np.linalg.lstsq(every, readings.ravel(), rcond=None)[0]
-    np.testing.assert_allclose(rest.total.solved(), solution[:2], atol=1e-10)
-
-
 def test_likelihoods_of_the_spread_are_those_of_all_readings(measured):
     """About zero by the density of all readings; restricted by that of contrasts without the mean. One constant apart."""
     designs, readings = measured
@@ -66,21 +57,6 @@ def test_likelihoods_of_the_spread_are_those_of_all_readings(measured):
         dense.append([log_density(z, covariance), of_contrasts])
     found = [(at.about_zero[0], at.restricted[0]) for at in profiles(whole.gram, whole.towards[None], taus)]
     np.testing.assert_allclose(np.diff(found, axis=0), np.diff(dense, axis=0), rtol=1e-8)
-
-
-def test_heterogeneity_of_groups_is_that_of_least_squares(measured):
-    designs, readings = measured
-    first = np.arange(UNITS) < 2
-
-    def residual(units) -> float:
-        x, z = np.concatenate(designs[units]), readings[units].ravel()
-        return float(np.sum((z - x @ np.linalg.lstsq(x, z, rcond=None)[0]) ** 2))
-
-    each = sum(residual([unit]) for unit in range(UNITS))
-    (one,), (dof,) = equations(designs, readings).heterogeneity(np.ones((1, UNITS), bool))
-    assert one == pytest.approx(residual(np.arange(UNITS)) - each) and dof == (UNITS - 1) * COLUMNS
-    (two,), (dof,) = equations(designs, readings).heterogeneity(first[None], ~first[None])
-    assert two == pytest.approx(residual(first) + residual(~first) - each) and dof == (UNITS - 2) * COLUMNS
 
 
 def test_a_unit_without_information_determines_nothing(measured):

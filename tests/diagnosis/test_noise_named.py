@@ -11,7 +11,6 @@ import blind_instrument as blind
 import blind_noise
 from blind import plans as blind_plans
 from tumblecal.diagnosis.detection import detect
-from tumblecal.diagnosis.noise.rounding import steps
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.estimation import problem_of
@@ -69,32 +68,6 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
     assert np.sum(np.array(values) < 0.02) <= 2
 
 
-def sd_at_a_setting(setup, readings):
-    return np.where(setup.pitch == (setup.pitch.max() + 1) // 2, 8.0, 1.0)[:, None] * np.ones(3)
-
-
-def sd_by_input(setup, readings):
-    return np.hypot(0.3, 4.0 * readings)
-
-
-@pytest.mark.parametrize(
-    ("sd", "words", "known", "seed"),
-    [
-        (sd_at_a_setting, "at beta 45 deg", True, 5),
-        pytest.param(sd_at_a_setting, "at beta 45 deg", False, 5, marks=pytest.mark.long),
-        pytest.param(sd_by_input, "input of 1 g", True, 6, marks=pytest.mark.long),
-        pytest.param(sd_by_input, "input of 1 g", False, 5, marks=pytest.mark.long),
-    ],
-)
-def test_noise_that_is_larger_in_a_part_is_named_and_nothing_beside_it(diagnoser, sd, words, known, seed):
-    """It was `unexplained`, or the name of some effect, with heavy tails."""
-    rng = np.random.default_rng(seed)
-    setup = blind.random_setup(rng, 3, 8)
-    clean = blind.readings(setup, setup.nominal, {})
-    diagnosis = diagnoser(measured(setup, {}, rng, known=known, noise=sd(setup, clean)))
-    assert diagnosis.labels == ("noise_unequal",) and words in diagnosis.noise_words
-
-
 # Repeats are pure error: an error that comes back when an attitude is repeated is one of the model, not noise.
 def of_the_attitude(rng, clean):
     own = 3 * rng.normal(size=(len(clean) // 2, 3))
@@ -135,13 +108,6 @@ def test_an_error_that_comes_back_is_no_noise_and_one_that_does_not_is(diagnoser
     assert ("repeats of an attitude agree" in verdict_of_diagnosis(diagnosis).words()) == (label == "unexplained")
 
 
-@pytest.mark.parametrize("step", [1e-2, 2e-4, 1e-6])
-def test_the_widest_decimal_step_is_found(step):
-    readings = np.random.default_rng(3).normal(size=(24, 3))
-    readings[:, :2] = np.round(readings[:, :2] / step) * step
-    assert steps(readings) == pytest.approx([step, step, 0.0], rel=1e-12)
-
-
 @pytest.mark.parametrize("digits", [3, 4])
 def test_rounding_that_exceeds_the_stated_noise_is_named_and_counts(diagnoser, digits):
     """Repeats that agreed exactly, or every reading its own cause: "every sd times 1e-12", unexplained, three outliers."""
@@ -154,14 +120,3 @@ def test_rounding_that_exceeds_the_stated_noise_is_named_and_counts(diagnoser, d
     assert set(diagnosis.labels) == {"quantisation.x", "quantisation.y", "quantisation.z"}
     # Of independent rounding errors of 1 mg and the noise.
     assert diagnosis.nominal.rms == pytest.approx(np.hypot(1e-3 / np.sqrt(12), blind.SIGMA), rel=0.5)
-
-
-@pytest.mark.long
-def test_a_reading_written_twice_is_no_repeat_that_shows_no_noise(diagnoser):
-    """What no entry describes led surely, as it came back in the repeat to the last digit."""
-    for seed in range(3):
-        rng, rows = np.random.default_rng([31, seed]), [*range(23), 5]
-        data = measured(blind.random_setup(rng, 3, 8), {}, rng, known=False)
-        columns = ("alpha_deg", "beta_deg", "readings", "temperature_degc", "approach")
-        again = {name: getattr(data, name)[rows] for name in columns}
-        assert diagnoser(replace(data, names=(*data.names[:-1], "again"), **again)).verdict == "adequate"

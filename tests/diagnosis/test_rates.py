@@ -78,15 +78,6 @@ def test_hidden_causes_are_named(judged, group, known):
     assert sum(right for _, right, _ in judged(group, known)) >= least(GROUPS[group, known], CASES)
 
 
-@pytest.mark.long
-def test_hidden_causes_of_all_groups_are_named(judged):
-    """A loss that is too small to be seen in any one group."""
-    variance = sum(CASES * share * (1 - share) for share in GROUPS.values())
-    expected = CASES * sum(GROUPS.values())
-    right = sum(right for group, known in GROUPS for _, right, _ in judged(group, known))
-    assert right >= expected - stats.norm.isf(1e-3) * np.sqrt(variance)
-
-
 def wrong_and_sure(outcomes):
     return [
         screened.best.labels
@@ -103,9 +94,3 @@ def wrong_and_sure(outcomes):
 def test_no_wrong_name_is_sure(judged, group):
     outcomes = [*judged(group, True), *judged(group, False)]
     assert len(wrong_and_sure(outcomes)) <= 3  # 3 %: 4 of 16 once in 1000 runs
-
-
-@pytest.mark.long
-def test_no_wrong_name_is_sure_in_any_group(judged):
-    outcomes = [outcome for group, known in GROUPS for outcome in judged(group, known)]
-    assert len(wrong_and_sure(outcomes)) <= 7  # 3 %: 8 of 72 once in 600 runs

@@ -62,16 +62,6 @@ def test_faulty_rows_stay_by_themselves():
     assert {name for name in names if ".." not in name} == {"p1000", "p77", "p78"}
 
 
-def test_means_of_unequal_numbers_carry_their_sd():
-    """600 repeats of one attitude beside single rows: counted alike, the single rows would look like faults."""
-    data = passes(1).chosen(np.array([*range(48), *([0] * 600)]))
-    names, noise = tuple(f"p{row}" for row in range(648)), np.random.default_rng(3).normal(size=(648, 3))
-    data = replace(data, names=names, readings=data.readings + SIGMA * noise, time_s=60.0 * np.arange(648.0))
-    means = in_bounds(data, None).data
-    assert means.sd is not None and means.n is not None
-    np.testing.assert_allclose(means.sd * np.sqrt(means.n)[:, None], SIGMA, rtol=0.2)
-
-
 def test_what_does_not_repeat_is_refused_with_its_cost_or_done_where_allowed():
     data = passes(42)
     data = replace(data, alpha_deg=np.linspace(0, 359, len(data)))

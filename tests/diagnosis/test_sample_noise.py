@@ -9,7 +9,7 @@ import blind_instrument as blind
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mean_noise import sample_noises
 from tumblecal.ground.errors import InputError
-from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
+from tumblecal.noise import Dwells, Flicker, Noise, White
 from tumblecal.noise.sampling import dwell_records
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.show.diagnosis import verdict_of_diagnosis
@@ -69,16 +69,6 @@ def test_slow_noise_of_raw_samples_weighs_the_positions(diagnoser):
     text = verdict_of_diagnosis(diagnosis).words()
     assert "times too small" in text and "correlated" in text and "treated as unknown" in text
     assert 0.6 < diagnosis.extended.level < 1.6
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "parts", [(RandomWalk(4e-6 * ONE),), (Flicker(60e-6 * ONE),), (GaussMarkov(50e-6 * ONE, 20.0),)]
-)
-def test_slow_noise_is_no_effect(diagnoser, parts):
-    data, samples, _ = recorded(31, (White(100e-6 * ONE), *parts))
-    diagnosis = diagnoser(data, samples=samples)
-    assert not [label for label in diagnosis.labels if not label.startswith("noise_")]
 
 
 def test_samples_of_something_else_are_refused(diagnoser):

@@ -49,30 +49,6 @@ def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     assert gain.cv_same_causes is None and gain.cv_rms_after_g == gain.cv_rms_kept_g < gain.cv_rms_before_g
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("pump beats", (" swings",)),
-        ("flank under load", ("a function of the head's angles, opposite from the two sides",)),
-        ("scale saturates across", tuple(f"a function of input {axis}" for axis in "xyz")),
-        ("converter ripple", tuple(f"a function of input {axis}, quickly bending" for axis in "xyz")),
-        (
-            "touches on one side",
-            tuple(
-                f"{words}, all by one curve"
-                for words in ("the attitude", "the lean to one side", "the side to which gravity pulls")
-            ),
-        ),
-    ],
-)
-def test_how_it_changes_is_said(diagnoser, name, words):
-    """Beside smooth curves: swings in time, ripples, what follows the temperature or the side of approach; what touches on one
-    side alone and moves all outputs, each by its own share."""
-    told = [cause.words for seed in range(3) for cause in diagnoser(unlisted(name, seed)).members if not cause.named]
-    assert len(told) >= 2 and all(own.endswith(words) for own in told), told
-
-
 def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     diagnosis = diagnoser(unlisted("heater cycles", 1))
     assert diagnosis.noise_wrong["noise_unequal"].alternative == "unexplained" and not diagnosis.best.labels

@@ -1,12 +1,8 @@
 """The simulators of benchmarks/ are what they say, and their judge is fair; the studies themselves are run by hand."""
 
-import numpy as np
 import pytest
 
-import second_check as check
-import second_head as head
 from blind.judge import Case, answer_of_record, judged
-from second_instrument import KINDS, UNLISTED
 
 
 def case_of(condition, *accepted):
@@ -58,22 +54,3 @@ def test_the_judge(condition, accepted, record, right, strict, wrong):
 def test_a_traceback_is_no_refusal():
     verdict = judged(case_of("mistake: dead axis"), answer_of_record(None, "crash (1): LinAlgError"))
     assert verdict.crashed and not verdict.right
-
-
-def test_stated_truths_describe_their_mechanisms_and_nothing_listed_the_others():
-    rng = np.random.default_rng(8)
-    plan = head.schedule("4x12 tilted", rng)
-    own = head.instrument(plan, rng)
-    projector, plain = head.unreachable(own, plan), head.readings(own, plan)
-    ids = check.columns(own, plan, projector)
-    for name, kind in KINDS.items():
-        truth, mechanism = kind(plan, rng)
-        signal = projector @ (head.readings(mechanism(own, 1e-3), plan) - plain).ravel()
-        if truth in ((), ("noise_coloured",)):
-            assert not np.any(signal)
-            continue
-        signal /= np.linalg.norm(signal)
-        if truth == UNLISTED:
-            assert min(check.left(signal, basis) for basis in ids.values()) > 0.3, name
-        else:
-            assert check.left(signal, *(ids[id] for id in truth)) < 0.05, name

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made import classes
-from scipy.spatial.transform import Rotation
 from test_rates import least
 
 import blind_instrument as blind
@@ -17,7 +16,6 @@ from blind import catalogue as study
 from blind.conditions import CONDITIONS, drawn, positions_of
 from blind.judge import right as is_right
 from blind_noise import position_set
-from tumblecal.data import read_positions
 from tumblecal.effects.rig_with_effects import read_rig_with_effects
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated
@@ -149,28 +147,6 @@ def test_an_effect_of_tenths_of_a_g_is_no_mislabelled_setting(name):
         case = effects((name,), (1000,), "4x12")(np.random.default_rng([9, seed]))
         mended, setup_errors = correct_setup_errors(position_set(case.setup, case.measured, known=True))
         assert not setup_errors and np.array_equal(mended.beta_deg, np.degrees(case.setup.beta))
-
-
-@pytest.mark.long
-def test_a_mislabelled_setting_stays_one_beside_what_is_not_named(diagnoser):
-    """Weighed against the angles as written, whose pitch error would be what no head has."""
-    for seed in range(2):
-        case = effects(study.several(2), (30, 30), "4x12")(np.random.default_rng([11, seed]))
-        data = position_set(case.setup, case.measured, known=True)
-        data = replace(data, beta_deg=np.where(np.abs(data.beta_deg - 30) < 1, 42.0, data.beta_deg))
-        assert [slip.label for slip in diagnoser(data).setup_errors] == ["mislabelled_setting"]
-
-
-@pytest.mark.long
-def test_attitudes_unknown_an_effect_as_large_as_the_inputs_stops_nothing(diagnoser, tmp_path):
-    """The robust start ran away there, and the model was said to be singular."""
-    rng = np.random.default_rng([87, 0])
-    f = Rotation.random(24, random_state=rng).apply([0.0, 0.0, 1.0])
-    readings = f + np.abs(f) * [0.0, rng.uniform(1.0, 2.5), 0.0] + 1e-4 * rng.normal(size=f.shape)
-    rows = [",".join([f"p{k}", *map(repr, row)]) for k, row in enumerate(readings.tolist())]
-    (tmp_path / "hand.csv").write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
-    diagnosis = diagnoser(read_positions(tmp_path / "hand.csv"))
-    assert diagnosis.verdict in ("identified", "ambiguous", "unexplained")
 
 
 @pytest.mark.long

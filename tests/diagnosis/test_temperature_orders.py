@@ -5,13 +5,7 @@ import pytest
 
 import tumblecal
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.coefficients import about_one_reference, temperature_orders
-from tumblecal.diagnosis.sets.classes import other_orders
-from tumblecal.effects import catalogue
-from tumblecal.estimation import problem_of
-from tumblecal.full_model.full_model import model_of
 from tumblecal.lab.diagnosed import extended_calibration
 
 
@@ -85,48 +79,3 @@ def test_the_calibration_corrects_left_out_temperatures_to_the_noise(diagnosis):
     assert np.sqrt(np.mean((corrected - f) ** 2)) < 0.6 * SD  # 1.6 mg without terms of temperature
     (loss,) = (loss for loss in calibration.not_applied if loss.effect == "bias_hysteresis.y")
     assert "direction in which the temperature was reached" in loss.reason
-
-
-@pytest.mark.long
-def test_a_lag_between_thermometer_and_sensor_has_its_name():
-    """Ramps up and down at 0.9 degC a minute; the sensor follows with 15 minutes (steps of a second, numpy)."""
-    rng, count, tau = np.random.default_rng(5), 108, 900.0
-    fine = np.arange(0.0, 90.0 * count)
-    degc = np.interp(fine, [0.0, 45.0 * (count - 1), 90.0 * (count - 1)], [-10.0, 60.0, -10.0])
-    sensor = degc.copy()
-    for n in range(1, len(fine)):
-        sensor[n] = sensor[n - 1] + (degc[n - 1] - sensor[n - 1]) / tau
-    time, alpha, beta = 90.0 * np.arange(count), np.tile(ALPHA, 9), np.tile(BETA, 9)
-    thermometer, warm = (np.interp(time, fine, of)[:, None] for of in (degc, sensor - 25.0))
-    slopes = np.array([2e-4, -1e-4, 1.5e-4])
-    readings = (1 + SCALE + 1e-4 * warm) * specific_force(np.radians(alpha), np.radians(beta)) + BIAS + slopes * warm
-    readings += SD * rng.normal(size=readings.shape)
-    names = tuple(f"p{k}" for k in range(count))
-    data = PositionSet(names, alpha, beta, readings, time_s=time, temperature_degc=thermometer[:, 0])
-    diagnosis = Diagnoser(nested=False)(data, noise_sd=SD)
-    assert diagnosis.verdict == "identified"
-    linear = {f"{of}_temperature.{axis}" for of in ("bias", "scale") for axis in "xyz"}
-    assert set(diagnosis.labels) == {*linear, "temperature_lag"}
-    fit = diagnosis.extended
-    true = {"temperature_lag_tau": tau, "temperature_lag_scale_z": -1e-4}
-    true |= {f"temperature_lag_bias_{axis}": -slope for axis, slope in zip("xyz", slopes, strict=True)}
-    for name, value in true.items():
-        k = fit.names.index(name)
-        assert abs(fit.values[k] - value) < 4 * fit.sd[k]
-
-
-@pytest.mark.long
-def test_orders_of_one_parameter_are_one_explanation(data):
-    problem = problem_of(data, noise_sd=SD)
-    slots = model_of(problem.chain, problem.where, catalogue()).slots
-    of = {slot.id: number for number, slot in enumerate(slots)}
-    cubic, quartic = of["bias_temperature_cubic.x"], of["bias_temperature_quartic.x"]
-    pair = [of["bias_temperature.x"], of["bias_temperature_square.x"]]
-    scale = of["scale_temperature_cubic.x"]
-    linear, square = pair
-    rows = [[cubic], [quartic], pair, [linear], [square], [scale], [cubic, scale]]
-    sets = np.array([row + [-1] * (3 - len(row)) for row in rows])
-    same = other_orders(slots, sets)
-    assert np.flatnonzero(same[0]).tolist() == [1, 2, 3, 4]
-    assert np.flatnonzero(same[3]).tolist() == [0, 1]  # one power and another alone are two causes
-    assert not one_function_at_1_g([slots[cubic]], [slots[quartic]])

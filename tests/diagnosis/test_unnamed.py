@@ -11,11 +11,9 @@ from tumblecal.chain import settings
 from tumblecal.diagnosis.findings.candidate_law import Law, Term, candidate_law
 from tumblecal.diagnosis.findings.law_shapes import forms, values_of
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace
-from tumblecal.diagnosis.findings.unexplained import Excess, Range, Unnamed, excess
+from tumblecal.diagnosis.findings.unexplained import excess
 from tumblecal.effects import catalogue
 from tumblecal.effects.users_file import Source, extended
-from tumblecal.planning.proposals import Allowed
-from tumblecal.planning.sampling import samples
 from tumblecal.show.diagnosis import suggested_effect
 
 
@@ -137,28 +135,3 @@ def test_the_file_has_the_law_as_it_was_fitted():
     values = values_of([families["harmonic times decay"]], where, u)
     tau = float(families["harmonic times decay"].words[0].partition("t/")[2].partition(" ")[0]) * 60
     assert np.allclose(values[:, 1], np.cos(alpha) * np.exp(-time / tau), atol=0.02)
-
-
-def of_instrument(instrument, found: Excess, law: Law | None) -> SimpleNamespace:
-    """A diagnosis with these findings, as far as its texts and positions need it."""
-    setup = instrument.setup
-    alpha, beta = np.degrees(setup.alpha), np.degrees(setup.beta)
-    data = SimpleNamespace(alpha_deg=alpha, beta_deg=beta, pitch_setting_deg=beta, source="m.csv", files=())
-    fit = SimpleNamespace(retained=np.ones(len(alpha), bool))
-    problem = SimpleNamespace(where=instrument.where, sd=np.full((len(alpha), 3), blind.SIGMA))
-    return SimpleNamespace(unnamed=Unnamed(fit, law, found), data=data, problem=problem, level=1.0)
-
-
-def test_the_next_positions_are_between_the_measured_ones_where_the_error_is(instrument):
-    alpha, beta = np.degrees(instrument.setup.alpha), np.degrees(instrument.setup.beta)
-    inside = (alpha > 175) & (alpha < 245) & (beta > 25) & (beta < 65)
-    found = Excess("alpha 180 to 240", inside, (Range("z", 0.0, 8e-4),), on(2, 8e-4 * inside))
-    diagnosis = of_instrument(instrument, found, None)
-    listed = samples(diagnosis, Allowed(), 12)
-    # Half-way, the last measured first: from beta 60 down to 30, from alpha 255 down to 165.
-    assert [(round(own.alpha_deg), round(own.beta_deg)) for own in listed] == [
-        (a, b) for b in (60, 30) for a in (255, 225, 195, 165)
-    ]
-    assert np.allclose([own.in_sd for own in listed], [4, 8, 8, 4] * 2)
-    allowed = samples(diagnosis, Allowed(alpha_deg=(10.0, 200.0), beta_deg=(30.0,)), 12)
-    assert [(own.alpha_deg, round(own.beta_deg)) for own in allowed] == [(200.0, 30)]

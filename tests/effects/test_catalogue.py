@@ -5,13 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
-from blind.plans import remounted
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.effects import catalogue
-from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.effects.temperature import ENTRIES as OVER_TEMPERATURE
-from tumblecal.estimation.mountings import nominal_rotations
 from tumblecal.full_model.full_model import model_of
 
 
@@ -94,21 +91,6 @@ def test_bias_of_each_run_after_the_first(setup):
     assert catalogue()["bias_repeatability"].lacking(settings(setup.alpha, setup.beta)) == "only one run"
 
 
-@pytest.mark.parametrize("turn_deg", [(0, 0, 90), (0, 90, 0), (180, 0, 0), (90, 0, 90)])
-@pytest.mark.parametrize("id", ["memory.x", "memory.z", "hysteresis.y"])
-def test_the_position_before_with_a_triad_that_was_turned(id, turn_deg, setup):
-    """As it stood in its own mounting, with the errors of that; none is before the first position of a mounting."""
-    twice = remounted(setup, ((0, 0, 0), turn_deg), np.random.default_rng(len(id) + sum(turn_deg)))
-    where = settings(twice.alpha, twice.beta, mount=[str(own) for own in twice.mounting], time_s=twice.time_s)
-    rotations = nominal_rotations({"0": (0.0, 0.0, 0.0), "1": turn_deg}, ["0", "1"])
-    chain = nominal_chain(where, dbeta_by="mount.pitch", dtheta_by="mount", mount_nominal=rotations)
-    values = np.concatenate([twice.nominal[name] for name in ("dK", "bias", "dtheta", "gamma", "dbeta")])
-    extended = (chain.at(values) + catalogue()[id].make(where)[0]).named({id: 2e-3})
-    expected = blind.readings(twice, twice.nominal, {id: [2e-3]})
-    np.testing.assert_allclose(np.asarray(extended(where)), expected, rtol=0, atol=1e-13)
-    assert np.max(np.abs(expected - blind.readings(twice, twice.nominal, {}))) > 1e-3
-
-
 def test_what_was_before_follows_the_time_within_a_run(setup):
     """Rows in any order; the first position of each run has none before it."""
     rows = np.random.default_rng(2).permutation(24)
@@ -159,20 +141,6 @@ def test_the_readout_is_simulated_and_not_sought(id, setup):
     np.testing.assert_allclose(chain.named(nominal_values(setup))(where), plain, rtol=0, atol=1e-13)
     reason = model_of(nominal_chain(where), where, {id: catalogue()[id]}).not_testable[id]
     assert reason.startswith("it would be found as")
-
-
-@pytest.mark.parametrize(
-    ("unit", "base", "scale"),
-    [
-        ("mg/g^2", "g/g^2", 1e-3),
-        ("(mg/g)/h", "1/s", 1e-3 / 3600),
-        ("mrad/rad", "rad/rad", 1e-3),
-        ("mg/h", "g/s", 1e-3 / 3600),
-        ("1e-3", "1", 1e-3),
-    ],
-)
-def test_units(unit, base, scale):
-    assert base_unit(unit) == (base, pytest.approx(scale, rel=1e-12))
 
 
 def test_every_entry_belongs_to_the_head_or_to_the_sensor():

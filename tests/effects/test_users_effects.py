@@ -9,7 +9,7 @@ import pytest
 import blind_instrument as blind
 import independent
 from tumblecal.chain import nominal_chain, settings
-from tumblecal.effects import angle_effect, catalogue
+from tumblecal.effects import catalogue
 from tumblecal.ground.errors import InputError
 
 
@@ -64,14 +64,6 @@ def test_an_angle_effect_equals_the_blind_instrument(written):
     *_, readings = values_of(make, index_third_cos=3e-3, index_third_sin=-2e-3)
     expected = blind.readings(setup, setup.nominal, {"?index_third": [3e-3, -2e-3]})
     np.testing.assert_allclose(readings, expected, atol=1e-14)
-
-
-def test_an_angle_effect_of_the_pitch_axis():
-    effect = angle_effect(
-        "pitch_gain", "beta", lambda beta, where: beta, unit="mrad/rad", typical=0.1, physics="beta (1 + e)", cause="."
-    )
-    alpha, beta, readings = values_of(effect.make, pitch_gain=4e-3)
-    np.testing.assert_allclose(readings, perfect(alpha, beta * 1.004), atol=1e-14)
 
 
 def test_a_link_of_ones_own(written):
@@ -152,17 +144,3 @@ def test_the_good_file_is_good_and_twice_is_not(written):
     twice = written(GOOD.replace("EFFECTS = [", "EFFECTS = 2 * ["), "twice.py")
     with pytest.raises(InputError, match=r"twice.py:line 10: the id 'fifth.y' exists already"):
         catalogue(twice)
-
-
-def test_files_that_are_no_python_files(written, tmp_path):
-    with pytest.raises(InputError, match="its name must end in"):
-        catalogue(written(GOOD, "mine.txt"))
-    with pytest.raises(InputError, match="no such file"):
-        catalogue(tmp_path / "none.py")
-    binary = tmp_path / "binary.py"
-    binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="not text in UTF-8"):
-        catalogue(binary)
-    (tmp_path / "folder.py").mkdir()
-    with pytest.raises(InputError, match="cannot be read"):
-        catalogue(tmp_path / "folder.py")

@@ -10,8 +10,6 @@ import tumblecal
 from tumblecal import InputError, PositionSet, Problem
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.estimation import exact
-from tumblecal.estimation.problem import require_problem
-from tumblecal.estimation.robust import minimised
 from tumblecal.noise import Covariance
 
 
@@ -61,33 +59,6 @@ def test_wrong_arrays_are_one_message(plan, change, words):
         Problem.from_arrays(chain, where, **({"readings": readings} | change))
 
 
-def test_angles_in_the_wrong_unit_are_one_message(plan):
-    _, where, readings = plan
-    degrees = np.degrees(where.beta)
-    with pytest.raises(InputError, match=r"beta is up to 57.3 rad: these look like degrees"):
-        settings(np.degrees(where.alpha), degrees)
-    with pytest.raises(InputError, match=r"unit 'rad', but beta is up to 57.3: state unit=\"deg\""):
-        PositionSet.from_arrays(readings, np.degrees(where.alpha), degrees, unit="rad")
-    with pytest.raises(InputError, match=r"unit 'deg', but the angles look like radians: state unit=\"rad\""):
-        PositionSet.from_arrays(readings, where.alpha, where.beta, unit="deg")
-    with pytest.raises(InputError, match="not finite"):
-        settings([0.0, np.nan], [0.0, 0.0])
-
-
-def test_other_kinds_of_arguments_are_one_message(plan, problem):
-    """Called below the functions whose types the tests check."""
-    _, where, readings = plan
-    data = PositionSet.from_arrays(readings, where.alpha, where.beta, unit="rad")
-    with pytest.raises(TypeError, match=r"takes a Problem, not PositionSet: make one by problem_of\(data\)"):
-        require_problem(data, "fit")
-    with pytest.raises(TypeError, match="solver 'lm': give a solver of optimistix"):
-        minimised(problem, "lm", np.zeros(15))
-    with pytest.raises(InputError, match=r"they look like m/s\^2"):
-        tumblecal.fit_many(problem, 9.80665 * readings[None])
-    with pytest.raises(KeyError, match="no parameter bias_q; it has"):
-        problem.chain.named({"bias_q": 1.0})
-
-
 def test_a_problem_is_traced_through_and_keeps_what_it_holds(plan, problem):
     chain, where, readings = plan
     by_arrays = jax.jit(
@@ -128,9 +99,3 @@ def test_the_fit_is_the_maximum_of_the_density(problem):
     best = tumblecal.fit(problem)
     slope = jax.grad(problem.log_density)(jnp.asarray(best.values))
     assert np.max(np.abs(slope * best.sd)) < 1e-5
-
-
-def test_a_traced_fit_says_what_to_use(plan):
-    chain, where, readings = plan
-    with pytest.raises(TypeError, match="cannot trace it"):
-        jax.jit(lambda values: tumblecal.fit(Problem.from_arrays(chain, where, values, noise_sd=SD)).values)(readings)

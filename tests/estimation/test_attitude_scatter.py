@@ -11,7 +11,6 @@ from tumblecal.data.calibration import read_calibration
 from tumblecal.estimation import problem_of, where_of
 from tumblecal.estimation.attitude_scatter import LEAST_ODDS, TILT, AttitudeScatter, Size, _posterior, _Rows
 from tumblecal.estimation.methods import all_methods, exact_fit
-from tumblecal.estimation.position_problem import default_chain
 
 
 FACES = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], float)
@@ -66,34 +65,6 @@ def test_six_faces_give_the_bias_as_pairs_of_faces_do_with_intervals_that_hold()
     assert np.median(halves) < 0.4e-3
 
 
-@pytest.mark.parametrize(
-    ("tilt_deg", "noise_g"),
-    [pytest.param(0.1, 1e-4, marks=pytest.mark.long), pytest.param(0.5, 1e-3, marks=pytest.mark.long), (2.0, 1e-4)],
-)
-def test_edges_determine_all_parameters_at_any_tilt(tilt_deg, noise_g):
-    """At 2 deg a tilt acts by 1.2 mg along gravity: the linearisation is around the estimated tilts."""
-    inside = []
-    for seed in range(12):
-        data, truth = cube(seed, tilt_deg, noise_g, np.vstack([FACES, EDGES]))
-        found = fitted(data, noise_g, "hand")
-        here = [k for k, name in enumerate(found.fit.names) if name.split("_")[0] in ("dK", "bias", "gamma")]
-        assert np.max(found.fit.sd[here]) < 6 * noise_g
-        low, high = found.fit.interval(0.95)[here].T
-        inside.append((low <= truth) & (truth <= high))
-        assert found.scatter.tilt_rad == pytest.approx(np.radians(tilt_deg), rel=0.6)
-    assert np.mean(inside) >= 0.86  # of 108, with a probability of 0.001 below
-
-
-def test_a_stated_head_has_no_tilts_and_a_stated_hand_has_them():
-    data, _ = cube(1, 0.5, 1e-4)
-    assert fitted(data, 1e-4, "head").scatter is None and "tilt_1_0" not in fitted(data, 1e-4, "head").fit.names
-    exact_attitudes, _ = cube(2, 0.0, 1e-4)
-    assert fitted(exact_attitudes, 1e-4).scatter is None
-    by_hand = fitted(exact_attitudes, 1e-4, "hand").scatter
-    assert by_hand.stated and np.degrees(by_hand.tilt_rad) < 0.1 and "stated: set by hand" in by_hand.words
-    assert "dbeta_0" not in default_chain(replace(data, comments={"attitudes": "hand"})).names
-
-
 def test_a_dividing_head_does_not_get_tilts():
     """24 positions with angle errors of 0.02 deg at noise of 0.1 mg, and none at 0.1 and 1 mg: 5 sets of each."""
     alpha, beta = np.tile(np.arange(8) * 45.0, 3), np.repeat([0.0, 45.0, 90.0], 8)
@@ -138,14 +109,6 @@ def test_diagnose_names_tilts_rather_than_outlier_positions(tumblecal, tmp_path)
     np.testing.assert_allclose(found.bias, [4.0e-3, 0.4e-3, -1.9e-3], atol=0.15e-3)
     assert np.all(np.sqrt(np.diag(found.covariance)[9:]) < 0.2e-3) and found.use.answer == "not tested"
     assert found.provenance["attitudes"] == "hand"
-
-
-def test_positions_that_are_exchanged_are_no_scatter():
-    """Two of twelve: few positions have all tilts, with stated and with unknown noise."""
-    data, _ = cube(8, 0.0, 1e-4, np.vstack([FACES, EDGES]))
-    data.readings[[6, 9]] = data.readings[[9, 6]]
-    for noise_sd in (1e-4, None):
-        assert fitted(data, noise_sd).scatter is None
 
 
 def test_a_posterior_is_the_integral_over_both_sizes():

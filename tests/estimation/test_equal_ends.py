@@ -40,12 +40,3 @@ def test_readings_that_are_equal_by_chance_are_kept(decimals):
     for seed in range(60):
         _, readings = measured(seed, 4, 12)
         assert all(end.chance > 1e-4 for end in equal_ends(np.round(readings, decimals)))
-
-
-def test_readings_computed_without_noise_or_written_twice_are_kept():
-    """What repeats elsewhere too, or as a whole row, shows no end of a range."""
-    turns = np.radians(np.arange(0, 360, 45))
-    level = [(-np.sin(b), np.cos(b) * np.sin(a), np.cos(b) * np.cos(a)) for b in np.radians([0, 45, 90]) for a in turns]
-    assert all(end.chance > 0.1 for end in equal_ends(np.round(np.array(level), 7)))
-    _, readings = measured(1)
-    assert all(end.chance == 1.0 for end in equal_ends(np.round(np.vstack([readings, readings]), 7)))

@@ -28,14 +28,6 @@ def table(vector, beta):
 
 
 @given(SEEDS)
-def test_equations_are_the_designs_table(seed):
-    beta = np.random.default_rng(seed).uniform(-1.5, 1.5, 4)
-    vector = random_vector(seed, 16)
-    design, ideal = harmonic.equations(beta)
-    np.testing.assert_allclose(design @ vector + ideal, table(vector, beta), rtol=0, atol=1e-15)
-
-
-@given(SEEDS)
 def test_other_angles_are_a_regression(seed):
     """Random spindle angles with repeats, sd columns: numpy's weighted lstsq over each pitch setting and axis."""
     rng = np.random.default_rng(seed)

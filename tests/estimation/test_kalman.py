@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from rigs import measured, random_vector
-from scipy import stats
 
 from tumblecal.estimation import harmonic, kalman, problem_of
 from tumblecal.estimation.kalman import DIFFUSE, Prior
@@ -40,11 +39,3 @@ def test_filter_is_the_batch_posterior(sets, prior):
         np.testing.assert_allclose((history.values[step - 1] - mean) / sd, 0, atol=1e-4)
         np.testing.assert_allclose(history.sd[step - 1], sd, rtol=1e-4)
     np.testing.assert_allclose(covariance / np.outer(sd, sd), spread / np.outer(sd, sd), atol=1e-4)
-
-
-def test_innovations_are_consistent(sets):
-    """Normalised innovations squared are chi-square of 27 when the prior is the truth's own distribution."""
-    z, design, noise, truth = sets
-    history, _ = kalman.run(z - design @ truth, design, noise, Prior(1e-7))
-    assert history.nis_dof == 27
-    assert stats.kstest(history.nis, stats.chi2(27).cdf).pvalue > 1e-3

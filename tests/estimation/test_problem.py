@@ -11,7 +11,6 @@ from rigs import PAPER_ALPHA, PAPER_BETA, measured, positions, random_vector, se
 import independent
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.estimation import exact, problem_of
-from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
 
 
@@ -115,26 +114,3 @@ def test_positions_left_out_take_no_part_in_the_exact_fit():
         np.testing.assert_allclose(fit.residuals[others], fewer.residuals, rtol=0, atol=1e-12)
         expected = independent.nominal(fewer.values, data.alpha, data.beta, setting(PAPER_BETA))
         np.testing.assert_allclose(fit.residuals[7], (data.readings - expected)[7], rtol=0, atol=1e-12)
-
-
-def test_what_is_known_together_adds_to_what_is_stated_of_one():
-    """A vernier reading and a measured head both say something of a pitch error: their information adds up."""
-    data = measured(random_vector(4, spread=2e-3), sd=2e-4, seed=9)
-    means, covariance = np.array([1e-3, -2e-3]), np.array([[4e-8, 1e-8], [1e-8, 9e-8]])
-    together = problem_of(
-        data, noise_sd=2e-4, priors={("dbeta_0", "dbeta_2"): (means, covariance), "dbeta_2": (1e-3, 2e-4)}
-    )
-    assert together.priors == 2 and together.with_prior
-    chosen = [together.chain.names.index(name) for name in ("dbeta_0", "dbeta_2")]
-    information = np.linalg.inv(covariance) + np.diag([0.0, 1 / 2e-4**2])
-    root = together.prior_root[:, chosen]
-    np.testing.assert_allclose(root.T @ root, information, rtol=1e-12)
-    towards = np.linalg.inv(covariance) @ means + [0.0, 1e-3 / 2e-4**2]
-    np.testing.assert_allclose(together.prior_mean[chosen], np.linalg.solve(information, towards), rtol=1e-12)
-    extended = together.with_links(Offset(coefficients("offset", ("y",), unit="g")))
-    vector = jnp.asarray(extended.chain.vector) + 1e-3
-    white = np.asarray(extended.residual(vector))[72:]
-    off = 1e-3 - extended.prior_mean[[extended.chain.names.index(name) for name in ("dbeta_0", "dbeta_2")]]
-    assert white @ white == pytest.approx(off @ information @ off, rel=1e-12)
-    with pytest.raises(InputError, match="prior on 'dbeta_7': the model has no such parameter"):
-        problem_of(data, noise_sd=2e-4, priors={("dbeta_0", "dbeta_7"): (means, covariance)})

@@ -2,15 +2,13 @@
 
 import os
 import random
-import stat
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-import compiled_once
-from tumblecal.ground.program_cache import ProgramCache, keep_programs_in
+from tumblecal.ground.program_cache import ProgramCache
 
 
 # Says how many programs were exported, then the estimate to the last bit. Threads of the linear algebra would wait in vain.
@@ -93,25 +91,6 @@ def test_an_entry_is_whole_and_of_its_name_or_none(tmp_path):
     cache.put("a", b"older")
     cache.put("a", payload)
     assert cache.get("a") == payload
-
-
-@pytest.mark.skipif(os.name != "posix", reason="file modes of POSIX")
-def test_the_folder_is_private_or_not_used(filled):
-    cache, *_ = filled
-    folder = cache / "programs"
-    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    folder.chmod(0o755)
-    try:
-        assert keep_programs_in(folder) == ""
-    finally:
-        compiled_once.keep_programs()
-    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    folder.chmod(0o777)
-    environment = os.environ | {"TUMBLECAL_CACHE": str(cache)}
-    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=600)
-    folder.chmod(0o700)
-    assert done.returncode == 0 and "other users can write it" in done.stderr and len(done.stderr.splitlines()) == 1
-    assert done.stdout.split()[0] == "0"
 
 
 @pytest.mark.long

@@ -1,14 +1,11 @@
 """Angles that an encoder read, otherwise in every row: the setting is what was commanded, the angle what was read."""
 
-import json
-
 import numpy as np
-import pytest
 from rigs import PAPER_ALPHA, PAPER_BETA, positions, random_vector
 
 import independent
 from tumblecal.estimation import closed_form, exact, problem_of
-from tumblecal.ground.angle_settings import distinct, setting_index
+from tumblecal.ground.angle_settings import setting_index
 
 
 SETTING = np.repeat([0, 1, 2], 8)
@@ -38,20 +35,6 @@ def test_angles_read_about_a_setting_are_one():
     assert 3 < len(np.unique(shown)) < 13 and index(shown) == SETTING.tolist()
 
 
-@pytest.mark.parametrize(
-    "angles",
-    [
-        np.repeat([0.0, 0.1, 30.0], 8),
-        np.repeat([0.0, 0.3, 0.6, 0.9, 1.2], 2),
-        np.repeat([0.0, 1.5, 1.9, 30.0], 2),
-        np.random.default_rng(4).uniform(-90, 90, 24),
-    ],
-    ids=["near, and kept", "a scale's steps", "not clear of the next", "scattered"],
-)
-def test_commanded_angles_are_settings_each(angles):
-    assert index(angles) == distinct(np.radians(angles)).tolist()
-
-
 def test_a_spindle_read_on_both_sides_of_zero_is_at_one_angle():
     around = [359.996, 90.003, 180.001, 269.998]
     alpha = [*around, 0.004, 89.998, 180.004, 270.003, 0.001, 90.001, 179.996, 270.001]
@@ -71,29 +54,3 @@ def test_each_position_is_fitted_at_the_angle_that_was_read():
     other, _ = independent.scipy_fit(data.readings, np.radians(alpha), np.radians(beta), SETTING)
     np.testing.assert_allclose(fit.values, other, rtol=0, atol=1e-10)
     np.testing.assert_allclose(closed_form.estimate(data), other, rtol=0, atol=1e-10)
-
-
-def _file(path, alpha, beta, data):
-    rows = [
-        f"p{k},{a:.3f},{b:.3f}," + ",".join(f"{value:.7f}" for value in own)
-        for k, (a, b, own) in enumerate(zip(alpha, beta, data.readings, strict=True))
-    ]
-    path.write_text("\n".join(["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", *rows]) + "\n")
-
-
-@pytest.mark.usefixtures("few_effects")
-def test_what_the_settings_are_is_said(tumblecal, tmp_path):
-    alpha, beta = read()
-    data = of_instrument(random_vector(1, spread=1e-3), alpha, beta, sd=1e-4)
-    _file(tmp_path / "read.csv", alpha, beta, data)
-    for command, name in (("calibrate", "result.json"), ("diagnose", "diagnosis.json")):
-        done = tumblecal(command, tmp_path / "read.csv", "--no-figures", "--out", tmp_path / command)
-        said = " ".join(done.out.split())
-        assert done.code == 0 and "beta_deg contains read angles" in said and "(0, 45, 90 deg)" in said
-        assert (tmp_path / command / name).exists()
-    result = json.loads((tmp_path / "calibrate" / "result.json").read_text())
-    assert list(result["methods"]["harmonic"]["parameters"])[-1] == "dbeta_2"
-    assert (
-        "Pitch settings                beta_deg contains read angles"
-        in (tmp_path / "diagnose" / "verdict.txt").read_text()
-    )

@@ -1,7 +1,6 @@
 """Other solvers and robust losses of the exact fit."""
 
 import numpy as np
-import optimistix as optx
 import pytest
 from scipy.optimize import least_squares
 
@@ -29,22 +28,6 @@ def chain():
 def problem_of_noise(chain, noise, *, known=True):
     where = settings(*WHERE)
     return Problem.from_arrays(chain, where, np.asarray(chain(where)) + noise, noise_sd=SD if known else None)
-
-
-@pytest.mark.parametrize(
-    "solver", [pytest.param(optx.LevenbergMarquardt(1e-10, 1e-10), marks=pytest.mark.long), optx.BFGS(1e-9, 1e-9)]
-)
-def test_any_solver_gives_the_fit(chain, solver):
-    problem = problem_of_noise(chain, np.random.default_rng(1).normal(scale=SD, size=(48, 3)))
-    expected, fit = tumblecal.fit(problem), tumblecal.fit(problem, solver=solver)
-    assert fit.code.good and np.max(np.abs(fit.values - expected.values) / expected.sd) < 1e-5
-    assert np.allclose(fit.covariance / np.outer(fit.sd, fit.sd), expected.correlation, atol=1e-6)
-
-
-def test_a_solver_that_does_not_arrive_says_so(chain):
-    problem = problem_of_noise(chain, np.full((48, 3), 0.1))
-    slow = optx.GradientDescent(learning_rate=1e-6, rtol=1e-14, atol=1e-14)
-    assert not tumblecal.fit(problem, solver=slow).code.good
 
 
 @pytest.mark.parametrize(

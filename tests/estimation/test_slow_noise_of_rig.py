@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tumblecal import fit
-from tumblecal.chain.head_ability import HeadAbility, Repeatability, SlowNoise
+from tumblecal.chain.head_ability import HeadAbility, SlowNoise
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.estimation import problem_of
 from tumblecal.estimation.position_problem import where_of
 from tumblecal.estimation.slow_noise import slow_noise_of, with_slow_noise
-from tumblecal.estimation.visits import drawn_with_repeatability, with_repeatability
+from tumblecal.estimation.visits import with_repeatability
 from tumblecal.simulation.position_means import simulated
 
 
@@ -75,21 +75,3 @@ def test_noise_starts_again_with_each_clock():
     assert np.all(total[:, :10, 10:] == 0)
     assert total[0, 10:, 10:] == pytest.approx(covariance(data.time_s[10:]) - SD**2 * np.eye(14), rel=1e-6, abs=1e-16)
     assert slow_noise_of(ability, where_of(replace(data, time_s=None))) is None
-
-
-def test_errors_of_visits_are_drawn_with_what_a_setting_has_in_common():
-    """Two visits of one setting: its spread in common, and the repeatability of each."""
-    plan = {"alpha_deg": {"start": 0, "step": 90, "count": 4}, "beta_deg": [0, 45], "runs": 2}
-    rig = rig_of(TABLE | {"plan": plan}, Path("rig.toml"))
-    where = rig.where
-    chain, count = rig.chain(where), len(rig.chain(where).names)
-    own = [number for number, name in enumerate(chain.names) if name.startswith("dbeta")]
-    truth, spread = np.zeros(count), np.zeros(count)
-    truth[own], spread[own] = [1e-3, 2e-3, 3e-3, 6e-3], 5e-4
-    drawn = drawn_with_repeatability(truth, spread, Repeatability(pitch=1e-4), chain, where)
-    assert drawn is not None
-    mean, root = drawn
-    assert mean[own] == pytest.approx([2e-3, 4e-3, 2e-3, 4e-3])
-    same = np.tile(np.eye(2), (2, 2))
-    assert (root @ root.T)[np.ix_(own, own)] == pytest.approx(5e-4**2 * same + 1e-4**2 * np.eye(4))
-    assert drawn_with_repeatability(truth, spread, Repeatability(), chain, where) is None

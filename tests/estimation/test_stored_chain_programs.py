@@ -85,9 +85,3 @@ def test_a_function_is_its_code_its_file_and_what_it_closes_over(tmp_path):
         keys.append(key(module.own))
     assert keys[0] != keys[1]
     assert key(catalogue()["second_order.x"].make(None)) == key(catalogue()["second_order.x"].make(None))
-
-
-def test_free_values_and_typical_sizes_are_no_part_of_it():
-    chain = nominal_chain(settings_of([0.0, 45.0, 90.0]))
-    assert list(described(chain)) == list(described(chain.at(np.ones(len(chain.names)))))
-    assert list(described(chain)) != list(described(nominal_chain(settings_of([0.0, 90.0]))))

@@ -5,12 +5,10 @@ import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
-import jax
 import pytest
 
 import tumblecal
 from tumblecal.ground.jax_interfaces import TESTED, store_executables_in
-from tumblecal.ground.program_cache import ProgramCache, program_cache
 
 
 ROOT = Path(__file__).parents[2]
@@ -36,23 +34,6 @@ def test_the_supported_versions_are_those_that_are_tested():
     assert pythons == [(listed[0], listed[-1])], f"CI tests Python {pythons}, pyproject.toml lists {listed}"
     own = version("jax")
     assert parts(TESTED[0]) <= parts(own) <= parts(TESTED[1]), f"jax {own} is not within {TESTED}: {remedy}"
-
-
-def test_jax_stores_its_programs_by_the_adapter(tmp_path):
-    before, folder = program_cache(), str(tmp_path)
-    try:
-        stored = store_executables_in(ProgramCache(tmp_path), folder)
-        assert stored, f"jax {version('jax')} lacks an interface that {ADAPTER} uses: compiled programs are not stored"
-        jax.config.update("jax_compilation_cache_dir", folder)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-        jax.jit(lambda x: x * 46.0)(1.0)
-        (entry, *_) = tmp_path.iterdir()
-        assert ProgramCache(tmp_path).get(entry.name), "JAX wrote a file past the cache with checksums"
-    finally:
-        folder = None if before is None else str(before.folder)
-        store_executables_in(before, folder or "")
-        jax.config.update("jax_compilation_cache_dir", folder)
 
 
 def test_a_jax_without_the_interface_stores_nothing(monkeypatch):

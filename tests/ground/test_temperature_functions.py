@@ -61,14 +61,3 @@ def test_jax_and_numpy_agree():
 def test_impossible_functions_are_rejected(order, knots, range_degc, words):
     with pytest.raises(InputError, match=words):
         TemperatureFunctions(order, 20.0, range_degc, knots)
-
-
-@pytest.mark.parametrize("reference", [np.nan, np.inf, 1e9, -300.0])
-def test_an_impossible_reference_is_rejected(reference):
-    with pytest.raises(InputError, match=r"reference temperature .* it must be from -273\.15 to 1000 degC"):
-        TemperatureFunctions(2, reference, (0.0, 40.0))
-
-
-def test_a_knot_that_is_no_number_is_rejected():
-    with pytest.raises(InputError, match="must increase within the range"):
-        TemperatureFunctions(3, 20.0, (0.0, 40.0), (np.nan,))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from history_changes import NOISE, found, unit
-from tumblecal.history.changes import DRIFT, RESULT, STEP
+from tumblecal.history.changes import DRIFT, STEP
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
 from tumblecal.show.history import history_text, words_of_history
 
@@ -72,30 +72,6 @@ def test_a_drift_is_found_with_its_rate(dates, size, least):
         pulls += [(changes[0].size - rate) / changes[0].u] if drift else []
     assert named >= least * count, named
     assert np.mean(np.abs(pulls) < 2.2) >= 0.88
-
-
-def test_further_changes_and_a_deviating_result_are_found():
-    """A second shock of the same parameter, a drift of a different one, and one result of a third."""
-    order = np.arange(12)
-    changes = [
-        ("bias_x", 12.0 * (order >= 4) - 20.0 * (order >= 9)),
-        ("bias_y", 1.5 * order),
-        ("gamma_31", 15.0 * (order == 6)),
-    ]
-    changes = found(unit(np.random.default_rng(9), 12, changes=changes, days=60))
-    assert {(c.kind, c.first, c.last) for c in changes["bias_x"]} == {(STEP, 3, 4), (STEP, 8, 9)}
-    assert [c.kind for c in changes["bias_y"]] == [DRIFT]
-    assert [(c.kind, c.first) for c in changes["gamma_31"]] == [(RESULT, 6)]
-    assert set(changes) == {"bias_x", "bias_y", "gamma_31"}
-
-
-def test_equal_results_without_uncertainties_are_stable():
-    """Values of a data sheet: no dispersion at all, then a step."""
-    entries = unit(np.random.default_rng(1), 5)
-    for entry in entries:
-        entry.parameters.values[:] = entries[0].parameters.values
-        entry.parameters.covariance[:] = 0.0
-    assert not words_of_history("A-17", unit_history(entries, PAPER_LIMITS), 0.05).pairs("findings")
 
 
 def test_what_a_history_states(snapshot):

@@ -79,11 +79,3 @@ def test_kinds_of_uncertainties_are_stated(tmp_path, snapshot):
         judged = unit_history(of_unit(tmp_path / f"{title}.db", "A-17"), PAPER_LIMITS)
         texts[title] = "\n".join(words_of_history("A-17", judged, 0.05).lines("evidence")[1:])
     snapshot("uncertainties", texts)
-
-
-def test_a_budget_of_another_model_is_not_taken(tumblecal, tmp_path, configs, folder):
-    lab = configs / "considered_lab.toml"
-    options = ["--noise-sd", "0.1mg", "--fix", "dbeta", "--out", folder]
-    assert tumblecal("budget", tmp_path / "data.csv", lab, *options).code == 0
-    outcome = tumblecal("compare", folder / "calibration.json", folder / "calibration.json")
-    assert outcome.code == 0 and "combined" not in outcome.out

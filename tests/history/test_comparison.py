@@ -39,22 +39,6 @@ def test_compare_s_tests_are_as_sure_as_they_say():
     assert np.all(np.abs(np.mean(np.array(tails) < 0.1, axis=0) - 0.1) < 0.07)
 
 
-def test_compare_on_the_command_line(tumblecal, tmp_path):
-    lower = np.eye(3) + np.diag([1e-3, 2e-3, -1e-3])
-    old = Calibration(np.linalg.inv(lower), np.array([1e-3, 0, 0]), np.eye(12) * 1e-10, serial_number="A")
-    new = replace(old, bias=np.array([2e-3, 0, 0]), serial_number="B")
-    for name, own in (("old", old), ("new", new)):
-        write_calibration(tmp_path / f"{name}.json", own)
-    outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "new.json")
-    row = next(line.split() for line in outcome.out.splitlines() if line.startswith("bias_x"))
-    assert row[1:4] == ["1.000", "2.000", "1.000"] and float(row[5]) == pytest.approx(1e-3 / np.sqrt(2e-10), rel=0.02)
-    assert "is of unit A" in outcome.lines[0]
-    tumblecal("export", tmp_path / "old.json", "--to", "ardupilot", "--out", tmp_path / "factory.parm")
-    outcome = tumblecal("compare", f"ardupilot:{tmp_path / 'factory.parm'}", tmp_path / "new.json")
-    assert outcome.code == 0 and outcome.out.count("ardupilot has no cross terms: not in table and tests") == 1
-    assert tumblecal("compare", f"px5:{tmp_path / 'x'}", tmp_path / "new.json").code == 2
-
-
 @pytest.mark.parametrize(
     ("name", "lacks"), [("kalibr", "bias"), ("px4", "gamma"), ("ardupilot", "gamma"), ("csv", None)]
 )

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibrations_of_few_dof import ALL, BIASES, told
 from scipy.special import fdtrc, gammaincc, stdtrit
 from test_history import covariance, results
 
@@ -47,20 +46,6 @@ def test_the_behrens_fisher_law_is_that_of_two_student_distributions():
         tail = no_change(np.array([size]), [np.array([[sd**2]]) for sd in sds], dofs)[2]
         share = np.mean(np.abs(drawn[1] - drawn[0]) > size)
         assert tail == pytest.approx(share, abs=4 * np.sqrt(share / 400_000))
-
-
-@pytest.mark.parametrize("sets", [(12, 12), (30, 30), (12, 30)])
-def test_unmoved_pairs_are_told_to_have_moved_as_seldom_as_they_should(sets):
-    for chosen in (ALL, BIASES):
-        tails, plain = told(250, chosen, sets)
-        assert np.mean(np.array(tails) < 0.05) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 250) and min(tails) > 1e-4
-    if 12 in sets:  # what chi-square says of the same
-        assert np.mean(np.array(plain) < 0.05) > 0.1 and min(plain) < 1e-5
-
-
-def test_a_change_of_four_sd_is_found_where_the_degrees_of_freedom_are_enough():
-    found = [np.mean(np.array(told(150, BIASES, (n, n), shift=4.0)[0]) < 0.05) for n in (12, 20, 30)]
-    assert found[0] > 0.5 and found[1] > 0.8 and found[2] > 0.85
 
 
 def test_the_file_states_the_degrees_of_freedom_and_compare_takes_them(tumblecal, tmp_path, table1):

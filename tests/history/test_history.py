@@ -1,18 +1,15 @@
 """The history of units: what is kept, what is said of it, and that nothing is lost."""
 
 import json
-import os
 import re
 import sqlite3
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tumblecal import InputError
 from tumblecal.data import paper, write_positions
@@ -21,8 +18,7 @@ from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
-from tumblecal.show.figures.history import chart_figure
-from tumblecal.show.history import history_text, words_of_history
+from tumblecal.show.history import words_of_history
 
 
 RNG = np.random.default_rng(2)
@@ -63,6 +59,7 @@ def results(count, *, drift_a_month=0.0, extra=0.0, days=30.4375, own=None):
     return entries
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_calibrate_and_diagnose_keep_what_they_wrote(tumblecal, tmp_path, table1):
     path, base = tmp_path / "lab.db", tmp_path / "data.csv"
     write_positions(
@@ -94,21 +91,6 @@ def test_calibrate_and_diagnose_keep_what_they_wrote(tumblecal, tmp_path, table1
     for number, out, words in ((kept[0].number, again, "has calibration.json"), (99, again, "no such files")):
         outcome = tumblecal("history", path, "--files", number, "--out", out)
         assert outcome.code == 2 and words in outcome.lines[0]
-
-
-def test_a_file_without_a_serial_number_is_kept_and_warned_of(tumblecal, tmp_path, table1_file):
-    outcome = tumblecal(
-        "calibrate", table1_file, "--no-figures", "--history", tmp_path / "lab.db", "--out", tmp_path / "o"
-    )
-    assert outcome.code == 0 and "without a serial number" in outcome.lines[0]
-    assert len(listed(tmp_path / "lab.db")) == 1
-    said = tumblecal("history", tmp_path / "lab.db").out
-    assert "\n1 result without a serial number (no unit; " in said and "1 unit" not in said
-    for entry in results(2):
-        add(tmp_path / "lab.db", entry)
-    add(tmp_path / "lab.db", replace(results(1)[0], serial="", source="other"))
-    said = tumblecal("history", tmp_path / "lab.db").out
-    assert "\n2 results of 1 unit; 2 results without a serial number (no unit; " in said
 
 
 def test_the_parameters_of_a_calibration_file_are_those_of_its_matrix(tumblecal, tmp_path, table1_file):
@@ -153,6 +135,7 @@ def test_table2_s_runs_are_within_the_paper_s_limits_and_too_few_for_a_change(tu
     assert judged.repeats[1].largest == pytest.approx(max(np.ptp(table[f"bias_{axis}"]) for axis in "xyz"))
 
 
+@pytest.mark.long
 def test_e_n_beyond_1_are_as_many_as_k_says():
     en = [trend.en for _ in range(40) for trend in unit_history(results(5), PAPER_LIMITS).trends]
     assert np.mean(np.abs(en) > 1) == pytest.approx(
@@ -197,78 +180,6 @@ def test_a_drift_and_its_uncertainty_are_those_of_weighted_least_squares():
         f"{entries[-1].date_utc[:10]} (result 12)"
     )
     assert "recalibrate more often" in step
-
-
-@pytest.mark.parametrize("days", [0.02, 0.5, 3, 12, 30.4375, 400])
-def test_the_dates_of_a_chart_do_not_overlap(days):
-    figure = chart_figure("bias", unit_history(results(14, days=days), PAPER_LIMITS))
-    assert figure is not None
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    labels = [label for label in figure.axes[-1].get_xticklabels() if label.get_text()]
-    boxes = sorted((label.get_window_extent(canvas.get_renderer()) for label in labels), key=lambda box: box.x0)
-    assert len(boxes) >= 2 and all(left.x1 < right.x0 for left, right in pairwise(boxes))
-
-
-def test_a_standard_measured_every_day_is_reported_on_a_screen():
-    """300 results of one unit: 3588 E_n, of which 180 are beyond 1 by chance alone. No few changes describe the last 100."""
-    entries = results(300, days=1.0)
-    for entry in entries[200:]:
-        entry.parameters.values[3] += 1e-3 * entry.number
-    text = history_text(words_of_history("A-17", unit_history(entries, PAPER_LIMITS), 0.05))
-    assert len(text.splitlines()) < 15 and max(map(len, text.splitlines())) < 400
-    assert text.startswith("A-17: bias_x changed by ") and "(result 200) and" in text.splitlines()[0]
-    assert "NEXT: " in text and text.count("Use no calibration from before") == 1
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"not a database at all, but long enough to be one", "not a history"),
-        (None, "no such history"),
-        ("other", "a database, but not a history of tumblecal"),
-        ("newer", "a different version of tumblecal"),
-    ],
-)
-def test_files_that_are_no_history_are_one_line(tumblecal, tmp_path, content, words):
-    path = tmp_path / "lab.db"
-    if isinstance(content, bytes):
-        path.write_bytes(content)
-    elif content:
-        if content == "newer":
-            add(path, results(1)[0])
-        with sqlite3.connect(path) as database:
-            database.execute("PRAGMA user_version = 99" if content == "newer" else "CREATE TABLE own (a)")
-        database.close()
-    for arguments in ([path], [path, "A-17"]):
-        outcome = tumblecal("history", *arguments)
-        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
-
-
-def test_a_history_that_is_a_link_is_made_where_it_points(tumblecal, tmp_path, table1_file):
-    (tmp_path / "link.db").symlink_to("lab.db")
-    command = ("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out", "--history")
-    assert tumblecal(*command, tmp_path / "link.db").code == 0
-    assert (tmp_path / "link.db").is_symlink() and len(listed(tmp_path / "lab.db")) == 1
-    os.mkfifo(tmp_path / "pipe")
-    outcome = tumblecal(*command, tmp_path / "pipe")
-    assert outcome.code == 2 and "pipe: a pipe or a device; give a file" in outcome.lines[0]
-
-
-def test_mistakes_are_one_line(tumblecal, tmp_path):
-    path = tmp_path / "lab.db"
-    add(path, results(1)[0])
-    for arguments, words in (
-        (["B-1"], "no unit B-1; units: A-17"),
-        (["A-17", "--limit", "bias"], "write pairs such as 'bias=1 mg'"),
-        (["A-17", "--limit", "bias=0 mg"], "must be above 0"),
-        (["A-17", "--risk", "2"], "--risk. Must be < 1"),
-        (["--out", tmp_path], "--out are for one unit"),
-        (["A-17", "--out", path], "cannot write to this folder (a file has that name)"),
-        (["A-17", "--files", "2", "--out", tmp_path / "f"], "--files 2: not a result of unit A-17; its results are 1"),
-    ):
-        outcome = tumblecal("history", path, *arguments)
-        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0] and not outcome.out
 
 
 def test_kills_and_two_writers_lose_nothing():

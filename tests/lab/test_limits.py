@@ -94,15 +94,6 @@ def test_a_change_within_dwells_is_in_the_uncertainty(fit):
     assert use(fit, comments={"within_dwells": "x"}).answer == "not tested"
 
 
-@pytest.mark.parametrize(("degc", "words"), [
-    ([25.0], "yes: measured at about 25 degC; a dependence on temperature was not measured"),
-    ([24.9, 25.2], "yes: measured at about 25.05 degC; a dependence on temperature was not measured"),
-    ([24.0, 26.5], "yes, from 24 to 26.5 degC only: a dependence on temperature outside this range was not measured"),
-])  # fmt: skip
-def test_one_temperature_is_no_range(fit, degc, words):
-    assert use(fit, degc=degc).words == words
-
-
 def explained(bias_x, K2):
     """A calibration with a bias and a square along x."""
     own = Calibration(np.eye(3), np.array([bias_x, 0, 0]), 1e-10 * np.eye(12))

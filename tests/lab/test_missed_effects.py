@@ -10,7 +10,6 @@ import pytest
 
 import in_use_instrument as truth
 from few_effects import few_entries
-from tumblecal import InputError
 from tumblecal.data import PositionSet
 from tumblecal.estimation.methods import calibrate
 from tumblecal.lab.missed_effects import missed_effects
@@ -93,10 +92,3 @@ def test_u_includes_the_attitudes_that_were_not_measured(table1):
     covariance = fitted.exact.covariance[np.ix_(places, places)]
     up, down = (2 * np.sqrt([share, 1.0] @ covariance @ [share, 1.0]) for share in (1.0, -1.0))
     assert up > 3 * down and fitted.use.expanded_g > up
-
-
-def test_without_a_residual_nothing_is_tested(table1):
-    with pytest.raises(InputError, match="no degree of freedom"):
-        calibrate(table1.chosen([0, 2, 9, 11, 19]))
-    use = calibrate(table1.chosen([0, 2, 9, 11, 19]), noise_sd=SIGMA).use
-    assert use.answer == "not tested" and not use.expanded_words

@@ -4,10 +4,8 @@ import allantools
 import numpy as np
 import pytest
 
-from tumblecal.noise import GaussMarkov, Noise, White
+from tumblecal.noise import GaussMarkov
 from tumblecal.noise.allan import averaging_factors, overlapping_allan
-from tumblecal.noise.allan_fit import quantisation_and_misfit
-from tumblecal.noise.recorded import RecordedNoise
 
 
 @pytest.mark.parametrize("kind", ["white", "walk", "offset"])
@@ -48,22 +46,3 @@ def test_markov_closed_form() -> None:
     # Short times, where the closed form would lose its digits: 2 x / 3.
     short = GaussMarkov(np.ones(3), 1.0).allan_variance(np.array([1e-6, 1e-5]))
     np.testing.assert_allclose(short[:, 0], [2e-6 / 3, 2e-5 / 3], rtol=1e-4)
-
-
-@pytest.mark.parametrize("quantisation", [0.0, 2e-6])
-def test_quantisation_noise_and_misfit_of_a_recording(quantisation: float) -> None:
-    """Velocity increments rounded (IEEE Std 952, C.1.5) in white noise: both sizes come back, chi-squared is about one."""
-    rng, rate, white = np.random.default_rng(8), 50.0, 14e-6
-    rounding = np.diff(rng.normal(size=(12, 3001, 3)), axis=1) * quantisation * rate
-    dwells = [*(white * np.sqrt(rate) * rng.normal(size=(12, 3000, 3)) + rounding)]
-    model = RecordedNoise.of(dwells, rate, 960.0).reported
-    fits = [
-        quantisation_and_misfit(overlapping_allan([own[:, axis] for own in dwells], rate), model, axis)
-        for axis in range(3)
-    ]
-    assert [one["quantisation_g_s"] for one in fits] == pytest.approx([quantisation] * 3, rel=0.05)
-    assert [one["white_g_per_rthz"] for one in fits] == pytest.approx([white] * 3, rel=0.05)
-    assert 0.1 < np.mean([one["reduced_chi2"] for one in fits]) < 2.0
-    spoiled = Noise((White(np.full(3, 1.2 * white)),))
-    allan = overlapping_allan([own[:, 0] for own in dwells], rate, np.array([64, 128, 256]))
-    assert quantisation_and_misfit(allan, spoiled, 0)["reduced_chi2"] > 2 or quantisation

@@ -59,16 +59,6 @@ def test_good_axes_are_not_refused(attitudes, rows):
     require_axes_answer("log.csv", [np.round(64 * dwell) / 64 for dwell in dwells(attitudes, noise=5e-3, rows=rows)])
 
 
-@pytest.mark.parametrize("rows", [1, 50])
-def test_an_axis_that_copies_another_is_named(rows):
-    copied = [dwell[:, [0, 1, 0]] for dwell in dwells(sphere(), rows=rows)]
-    with pytest.raises(InputError, match="axes x and z have the same readings in every row"):
-        require_axes_answer("log.csv", copied)
-    # At alpha 45 degrees y and z are equal.
-    tilts = ring(2)[:, [0, 1, 1]] * [1, np.sqrt(0.5), np.sqrt(0.5)]
-    require_axes_answer("log.csv", [unit[None] for unit in tilts])
-
-
 @pytest.mark.parametrize("way", ["static", "by", "means"])
 def test_a_dead_axis_is_refused_on_every_way_to_means(tmp_path, way):
     s = made(attitudes=SIX)

@@ -9,11 +9,8 @@ import polars as pl
 import pytest
 from recordings_made import SENSOR_COMBINED, ulog_of
 
-from tumblecal.ground.errors import InputError
-from tumblecal.recordings.formats import xbus as xbus_file
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.reading import read_recording as write_samples
-from tumblecal.recordings.thermal.read_thermal import thermal_reading
 
 
 IMU = "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"
@@ -133,41 +130,6 @@ def test_an_mtb_file(tmp_path, rows):
     assert contents.rate_hz == pytest.approx(400)
 
 
-def test_the_pieces_of_an_mtb_file_do_not_change_it(tmp_path, rows, monkeypatch):
-    (tmp_path / "log.mtb").write_bytes(b"".join(mtb(rows)) + b"\xfa\xff\x36")
-    whole = write_samples(tmp_path / "log.mtb", tmp_path / "whole.parquet", RecordingOptions())
-    monkeypatch.setattr(xbus_file, "_BLOCK", 7)
-    pieces = write_samples(tmp_path / "log.mtb", tmp_path / "pieces.parquet", RecordingOptions())
-    frames = [pl.read_parquet(tmp_path / f"{name}.parquet") for name in ("whole", "pieces")]
-    assert frames[0].equals(frames[1]) and len(frames[0]) == 200
-    assert (
-        pieces.damage.lines
-        == whole.damage.lines
-        == ["3 bytes outside messages with a correct sum, the first at byte 17287: left out"]
-    )
-
-
-def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):
-    (tmp_path / "a.mtb").write_bytes(b"".join(mtb(rows, force=0x4030)))
-    with pytest.raises(InputError, match="free acceleration"):
-        write_samples(tmp_path / "a.mtb", tmp_path / "out.parquet", RecordingOptions())
-    awinda = [xbus(0xFF, 0x0D, bytes(258)), *(xbus(bus, 0x36, b"\xc8\x10\x2e" + bytes(46)) for bus in (1, 2, 1, 2))]
-    (tmp_path / "b.mtb").write_bytes(b"".join(awinda))
-    with pytest.raises(InputError, match="increments of an MTw"):
-        write_samples(tmp_path / "b.mtb", tmp_path / "out.parquet", RecordingOptions())
-
-
-def test_dataflash_of_old_firmware_has_milliseconds_and_a_name_for_each_sensor(tmp_path, rows):
-    fields = "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"
-    log = fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns") + fmt(130, "IMU2", "Iffffff", fields)
-    log += b"".join(b"\xa3\x95\x82" + struct.pack("<I6f", 20 * k, *row) for k, row in enumerate(rows))
-    (tmp_path / "old.bin").write_bytes(log)
-    contents, force, frame = imported(tmp_path / "old.bin", tmp_path / "out.parquet")
-    assert contents.table.name == "IMU2"
-    np.testing.assert_array_equal(force, rows[:, 3:])
-    np.testing.assert_allclose(frame["time_s"], 0.02 * np.arange(200), atol=1e-12)
-
-
 TOPICS = SENSOR_COMBINED | {
     "sensor_accel": "uint64_t timestamp;uint32_t device_id;float x;float y;float z;float temperature;",
     "sensor_selection": "uint64_t timestamp;uint32_t accel_device_id;",
@@ -225,16 +187,6 @@ def test_damage_of_a_px4_log_is_reported(tmp_path, rows):
         assert words in line and len(frame) >= fewest
 
 
-@pytest.mark.parametrize("formats", ["QBffffff?", "QBfffff", "QBddddddIIfBBHH"])
-def test_dataflash_fields_whose_formats_do_not_agree_are_not_read(tmp_path, rows, formats):
-    """An unknown format, too few, or another length than stated: one line with the messages of the log."""
-    messages = dataflash(rows)
-    stated = messages[3].replace(b"QBffffffIIfBBHH\0", formats.encode().ljust(16, b"\0"))
-    (tmp_path / "log.bin").write_bytes(b"".join([*messages[:3], stated, *messages[4:]]))
-    with pytest.raises(InputError, match=r"no message has AccX, AccY, AccZ; it has MSG \(1\), IMU \(400\)"):
-        imported(tmp_path / "log.bin", tmp_path / "out.parquet")
-
-
 @pytest.mark.parametrize(("name", "form"), DATAFLASH.items())
 def test_ardupilot_states_a_correction(tmp_path, rows, name, form):
     """INS_TCAL1_ENABLE of the first sensor; 2 learns, and corrects nothing."""
@@ -250,15 +202,3 @@ def test_ardupilot_states_a_correction(tmp_path, rows, name, form):
         "the device has corrected these readings for temperature (INS_TCAL1_ENABLE 1), so a calibration corrects them "
         "twice: record again with INS_TCAL1_ENABLE 0"
     ]
-
-
-def test_thermal_warns_of_a_ramp_of_a_corrected_sensor(tmp_path):
-    rng, degc = np.random.default_rng(5), np.linspace(20.0, 50.0, 3000)
-    accelerations = [0.1, 0.2, 9.8] + 1e-3 * degc[:, None] + 0.01 * rng.normal(size=(3000, 3))
-    messages = dataflash(np.zeros((0, 6)), 1, {"INS_TCAL1_ENABLE": 1.0})
-    messages[3] = fmt(21, "IMU", "QBffff", "TimeUS,I,AccX,AccY,AccZ,T")
-    for k, (row, own) in enumerate(zip(accelerations, degc, strict=True)):
-        messages.append(b"\xa3\x95\x15" + struct.pack("<QB4f", 10**6 + 50_000 * k, 0, *row, own))
-    (tmp_path / "ramp.bin").write_bytes(b"".join(messages))
-    ((_, lines),) = thermal_reading([tmp_path / "ramp.bin"]).warnings
-    assert "\n".join(lines).count("(INS_TCAL1_ENABLE 1), so a calibration corrects them twice") == 1

@@ -49,19 +49,6 @@ def test_temperature_and_time_in_pieces_are_the_formula(tumblecal, tmp_path, sma
     np.testing.assert_allclose(got["temperature_degc"].cast(pl.Float64), degc)
 
 
-@pytest.mark.parametrize(
-    ("term", "words"),
-    [(BY_DEGREE, "no column temperature_degc"), (BY_HOUR, "no column time_s"), (None, "no column temperature_degc")],
-)
-def test_what_the_model_needs_and_the_data_lack_is_a_line(tumblecal, tmp_path, term, words):
-    write_calibration(tmp_path / "cal.json", calibration(term) if term else cubic())
-    (tmp_path / "log.csv").write_text("ax_g,ay_g,az_g\n0,0,1\n")
-    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
-    assert outcome.code == 2 and len(outcome.lines) == 1
-    assert words in outcome.lines[0] and "--columns" in outcome.lines[0]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.json", "log.csv"]
-
-
 def cubic(*, coefficients=(1e-4, -2e-6, 3e-8), sd=(1e-6, 1e-8, 1e-10)):
     """A calibration whose bias along y is a cubic polynomial of temperature about 25 degC, measured from 0 to 60 degC."""
     curve = Curve("bias_y", TemperatureFunctions(3, 25.0, (0.0, 60.0)), np.array(coefficients))
@@ -107,12 +94,3 @@ def test_unlikely_readings_and_temperatures_beyond_the_calibrated_are_counted(tu
     beyond, degc = (line for line in outcome.lines if "WARNING" in line)
     assert "1 of 25 rows (the first: line 15) are beyond 2 g, up to 3 g" in beyond
     assert "temperatures in 3 of 25 rows (the first: line 14) are beyond the 20 to 30 degC of the calibration" in degc
-
-
-def test_counts_are_named_with_the_option_that_states_them(tumblecal, tmp_path, small_pieces):
-    write_calibration(tmp_path / "cal.json", calibration())
-    (tmp_path / "log.csv").write_text("ax_g,ay_g,az_g\n" + "0,0.6,0.8\n" * 5 + "0,9830,13107\n" * 35)
-    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
-    (said,) = (line for line in outcome.lines if "WARNING" in line)
-    assert "columns ax_g, ay_g, az_g: beyond 10 g in 35 of 40 rows (the first: line 7), up to 1.31e+04 g" in said
-    assert "so they look like counts or another unit; state it: --unit 16384/g" in said

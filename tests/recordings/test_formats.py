@@ -115,20 +115,3 @@ def test_a_wrong_checksum_or_a_missing_end_is_one_line(tmp_path, name, damage):
     with pytest.raises(InputError, match=name) as refused:
         read(path, damage(written))
     assert len(refused.value.faults) == 1 and str(tmp_path) in str(refused.value)
-
-
-def test_faults_of_a_decompressed_file_name_the_compressed_one(tmp_path):
-    with pytest.raises(InputError, match=r"^\S+/log\.json\.gz: not a complete JSON file"):
-        read(tmp_path / "log.json.gz", gzip.compress(json.dumps({"samples": ROWS}).encode()[:-20]))
-
-
-def test_objects_of_matlab_are_one_line(tmp_path):
-    import h5py
-
-    with h5py.File(tmp_path / "log.mat", "w", userblock_size=512) as file:
-        file["T"] = np.zeros((1, 6), np.uint32)
-        file["T"].attrs["MATLAB_object_decode"] = 3
-    with (tmp_path / "log.mat").open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-    with pytest.raises(InputError, match="write them with writetable or writetimetable"):
-        read(tmp_path / "log.mat")

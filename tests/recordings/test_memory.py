@@ -1,6 +1,5 @@
 """Recordings whose cells or values are not in the file: one line, before the memory is allocated. Nothing else is read."""
 
-import gzip
 import zipfile
 from pathlib import Path
 
@@ -69,18 +68,3 @@ def test_an_hdf5_file_reads_no_other_file(tumblecal, tmp_path: Path, kind: str) 
         "the columns 'ay, az'" if kind == "external link" else "the values of ax are in another file, which is not read"
     )
     assert outcome.code == 2 and words in outcome.lines[0] and not (tmp_path / "out.csv").exists()
-
-
-def test_values_that_are_not_there_are_one_line(tumblecal, tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "big.h5", "w") as file:
-        file.create_dataset("ax", shape=(10**10,), chunks=(1000,), dtype="f8")
-    (line,) = tumblecal("import", tmp_path / "big.h5").lines
-    assert "80 GB of memory, but the file has 0 MB" in line
-
-
-def test_zeros_that_are_compressed_to_nothing_are_one_line(tumblecal, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("tumblecal.recordings.memory._BASE", 1_000_000)
-    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(bytes(10_000_000)))
-    (line,) = tumblecal("import", tmp_path / "log.csv.gz").lines
-    assert "log.csv.gz: its contents need" in line and "decompress it with gunzip" in line

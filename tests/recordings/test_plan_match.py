@@ -72,18 +72,6 @@ def test_a_recording_of_a_plan_has_its_angles_names_mount_and_gravity(tmp_path, 
     assert not data.hand_held
 
 
-def test_surplus_intervals_are_refused_with_their_angle(tmp_path, six):
-    plan = read_plan(six)
-    directions = np.array([plan.expected(k) for k in (0, 2, 4, 1, 3, 5)])
-    s = made(Hand(), 3, np.insert(directions, 3, np.array([1, 1, 1]) / 3**0.5, axis=0))
-    pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
-    reduction = reduced([tmp_path / "s.parquet"], KnownContext(plan=six))
-    assert reduction.data.names == ("x_p", "y_p", "z_p", "x_n", "y_n", "z_n")
-    assert reduction.dwells.stillness is not None
-    (refused,) = (one.reason for one in reduction.dwells.stillness.intervals if one.reason)
-    assert refused.startswith("surplus: not a position of the plan, 5")
-
-
 @pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
 def test_a_table_of_means_becomes_a_hand_held_set(tmp_path, tumblecal, suffix):
     s = made()
@@ -104,9 +92,6 @@ def test_a_table_of_means_becomes_a_hand_held_set(tmp_path, tumblecal, suffix):
     np.testing.assert_allclose(data.readings, means, rtol=1e-12)
 
 
-MEANS = ["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", "a,0,0,0,0,1", "b,90,0,0,1,0", "c,180,0,0,0,-1", "d,0,90,-1,0,0"]
-
-
 @pytest.mark.parametrize("named", [True, False])
 def test_means_are_positions_of_a_plan_by_name_or_direction(tmp_path, six, named):
     plan, order = read_plan(six), [4, 0, 5, 3, 1, 2]
@@ -121,16 +106,6 @@ def test_means_are_positions_of_a_plan_by_name_or_direction(tmp_path, six, named
     (frame if named else frame.drop("position")).write_csv(tmp_path / "means.csv")
     with pytest.raises(InputError, match=r"means.csv: row 1: not a position of the plan \(1 such rows\); remove them"):
         reduced([tmp_path / "means.csv"], KnownContext(plan=six, means=True))
-
-
-def test_intervals_that_are_nowhere_in_the_plan_are_a_line(tmp_path):
-    (tmp_path / "two.toml").write_text("[positions]\nalpha_deg = [0, 180]\nbeta_deg = [0]\n")
-    s = made(Hand(), 3, np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0]]))
-    pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
-    with pytest.raises(
-        InputError, match=r"none of 3 intervals at rest fits a position of the plan \(nearest: \d+ deg away\)"
-    ):
-        reduced([tmp_path / "s.parquet"], KnownContext(plan=tmp_path / "two.toml"))
 
 
 def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
@@ -149,26 +124,3 @@ def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
     assert data.run == ("monday",) * 6
     with pytest.raises(InputError, match="none of its position names is in"):
         reduced([tmp_path / "parts.txt"], KnownContext(plan=six, by="session"))
-
-
-@pytest.mark.parametrize(
-    ("row", "words"),
-    [
-        ("b,90,0,0,nan,0", ""),
-        ("note: warm", ""),
-        ("# gravity_ms2: 981", "means.csv: comment gravity_ms2: '981' is not a gravity in m/s^2"),
-        ("e,0,45,1e9,0,1", "means.csv:row 2, column ax_g: 1e+09 g is not a possible reading"),
-    ],
-)
-def test_faults_of_means_name_the_users_file(tmp_path, tumblecal, row, words):
-    """A row without a whole mean is left out; others are refused."""
-    path = tmp_path / "means.csv"
-    path.write_text(
-        "\n".join(["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", "a,0,0,0,0,1", row, "c,180,0,0,0,-1", "d,0,90,-1,0,0"])
-    )
-    outcome = tumblecal("reduce", path, "--means", "--out", tmp_path / "out")
-    if words:
-        assert outcome.code == 2 and outcome.lines[0].startswith(f"tumblecal: {tmp_path}") and words in outcome.lines[0]
-    else:
-        assert outcome.code == 0 and "3 positions, angles known" in outcome.out
-        assert f"WARNING: {path}: 1 line left out, without a whole reading: 3" in outcome.lines

@@ -1,6 +1,5 @@
 """Recordings over temperature from files: attitudes, several files, position files, gaps, restarts, and faults."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,20 +121,6 @@ def test_attitudes_and_angles_are_stated_by(tmp_path: Path, by: str):
     np.testing.assert_array_equal(table.alpha_deg, np.where(np.abs(table.readings[:, 2]) > 0.5, 0.0, 90.0))
 
 
-def test_files_with_one_direction_are_one_attitude_only_if_stated(tmp_path: Path):
-    files = [
-        written(tmp_path, recording(ramp(0, 20, 3), UP), "cold.csv"),
-        written(tmp_path, recording(ramp(20, 40, 3), UP + 0.01 * RIGHT, seed=2), "hot.csv"),
-    ]
-    separate = read_thermal(files)
-    assert separate.attitudes == ("cold:a1", "hot:a1")
-    assert set(separate.clock) == {"cold", "hot"}
-    together = read_thermal(files, same_attitude=True)
-    assert together.attitudes == ("a1",)
-    # Bins of one attitude are a fortieth of the range of both files.
-    np.testing.assert_allclose(np.median(np.diff(together.temperature_degc)), 1.0, rtol=0.1)
-
-
 def test_restart_of_the_clock_gives_two_clocks_and_a_gap_one(tmp_path: Path):
     first, second = recording(ramp(0, 20, 2), UP, begin_s=100.0), recording(ramp(20, 40, 2), UP, seed=2, begin_s=20.0)
     table = read_thermal([written(tmp_path, pl.concat([first, second]))])
@@ -209,48 +194,6 @@ def test_position_file_is_a_table_of_soaks(tmp_path: Path):
     np.testing.assert_array_equal(table.sd, 1e-5)
 
 
-def test_noise_of_position_files_can_be_stated_and_that_of_samples_not(tmp_path: Path):
-    path = tmp_path / "positions.csv"
-    write_positions(path, replace(positions([0, 20]), sd=None, n=None))
-    with pytest.raises(InputError, match=r"at rest in every row, add --means --noise-sd 0\.1mg"):
-        read_thermal([path])
-    np.testing.assert_array_equal(read_thermal([path], noise_sd=2e-4).sd, 2e-4)
-    write_positions(path, replace(positions([0, 20]), sd=None))
-    with pytest.raises(InputError, match=r"no standard uncertainties of the means; give --noise-sd 0\.1mg"):
-        read_thermal([path])
-    for samples in (_RAMP, _RAMP.with_columns(position=1, alpha_deg=0.0, beta_deg=0.0)):
-        with pytest.raises(InputError, match="is a recording of samples, whose noise is measured: remove the option"):
-            read_thermal([written(tmp_path, samples)], noise_sd=2e-4)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda degc: None, "column temperature_degc is missing; write the temperature of each position"),
-        (lambda degc: degc + 273.15, "temperatures 273.1 to 293.2 are in kelvin; write degC"),
-    ],
-)
-def test_position_files_need_possible_temperatures(tmp_path: Path, change, words: str):
-    data = positions([0, 20])
-    write_positions(tmp_path / "positions.csv", replace(data, temperature_degc=change(data.temperature_degc)))
-    with pytest.raises(InputError, match=words):
-        read_thermal([tmp_path / "positions.csv"])
-
-
-def test_the_same_attitude_of_files_of_means_is_that_of_one_direction(tmp_path: Path):
-    faces = pl.DataFrame(np.eye(3), ["ax_g", "ay_g", "az_g"])
-    for name, rows, degc in (("cold", faces, 10.0), ("hot", faces.reverse(), 40.0)):
-        written(tmp_path, rows.with_columns(temperature_degc=pl.lit(degc)), f"{name}.csv")
-    files = [tmp_path / "cold.csv", tmp_path / "hot.csv"]
-    table = read_thermal(files, KnownContext(means=True), noise_sd=1e-4, same_attitude=True)
-    assert table.attitude == ("a1", "a2", "a3", "a3", "a2", "a1")
-
-
-def test_bins_have_a_width(tmp_path: Path):
-    with pytest.raises(InputError, match="width of the bins, 0 degC: it must be above 0"):
-        read_thermal([written(tmp_path, _RAMP)], bin_degc=0.0)
-
-
 _RAMP = recording(ramp(0, 40, 1), UP)
 _NONE = "no temperature in degC among the columns .*not in kelvin or Fahrenheit, .*--columns temperature=NAME"
 
@@ -294,13 +237,6 @@ def test_a_slow_log_of_several_attitudes_needs_the_statement_that_it_was_still(t
     assert len(table.attitudes) == 2 and len(table) == 400
 
 
-def test_a_slow_log_of_one_attitude_is_taken_as_still(tmp_path: Path):
-    reading = thermal_reading([written(tmp_path, slow(np.tile(UP, (400, 1))))])
-    ((_, (line,)),) = reading.warnings
-    assert line == "samples at 0.25 Hz cannot show movements; taken as still, in one attitude"
-    assert reading.table.attitudes == ("a1",)
-
-
 STUCK = [(0.1, 16, False, False), (0.1, 16, True, True), (0.0, 1, True, False)]
 
 
@@ -318,20 +254,3 @@ def test_a_stuck_thermometer_is_reported_only_if_its_noise_stops(tmp_path: Path,
     found = [line for line in lines if "the thermometer shows exactly" in line]
     assert len(found) == stuck and all("from 300 s to 360 s" in line for line in found), found
     assert reading.table.frame["n"].sum() <= len(degc) - 2000
-
-
-def test_a_file_at_one_of_several_soaks_is_one_row(tmp_path: Path):
-    """The temperature of each file wanders by half of a degree, so it was bins and branches of its own."""
-    rng = np.random.default_rng(1)
-    files = []
-    for number, level in enumerate((14.0, 14.0, 38.0, 38.0)):
-        degc = level + 0.25 * np.sin(np.arange(400) / 70 + rng.uniform(0, 6))
-        files.append(written(tmp_path, recording(degc, UP if number % 2 else RIGHT, seed=number), f"f{number}.csv"))
-    table = read_thermal(files)
-    assert len(table) == len(files) and table.soak.all()
-
-
-def test_temperatures_above_those_of_sensors_are_reported(tmp_path: Path):
-    fahrenheit = _RAMP.with_columns(pl.col("temperature_degc") * 1.8 + 60)
-    ((_, lines), *more) = [one for one in thermal_reading([written(tmp_path, fahrenheit)]).warnings if one[1]]
-    assert not more and len(lines) == 1 and "if these are counts or degrees Fahrenheit, write degC" in lines[0]

@@ -150,13 +150,6 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     np.testing.assert_allclose(reduction.data.readings, expected.readings, atol=1e-4)
 
 
-def test_readings_of_no_usual_size_are_a_line(tmp_path, s):
-    columns = {name: (3.0 if "acc" in name else 1.0) * values for name, values in imu_columns(s).items()}
-    path = text(tmp_path / "odd.csv", s, ",", columns)
-    with pytest.raises(InputError, match=r"neither g, mg, m/s\^2 nor usual counts; give the unit"):
-        reduced([path], KnownContext(static=True))
-
-
 @pytest.mark.parametrize("name", ["one.bag", "two.mcap", "log.ulg", "log.h5", "log.mat", "log.xlsx", "log.parquet"])
 def test_damaged_files_are_a_line(tmp_path, name):
     begins = {
@@ -243,42 +236,3 @@ def test_what_is_no_recording_is_a_line(tmp_path, tumblecal, name, content, word
     assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
     outcome = tumblecal("import", tmp_path / name, "--out", tmp_path / "out.xls")
     assert outcome.code == 2 and outcome.lines[0].endswith("out.xls: must end in .csv or .parquet")
-
-
-@pytest.mark.parametrize(
-    ("sent", "code", "words"), [("mip", 0, "MIP"), ("noise", 2, "unknown protocol"), ("", 2, "no bytes")]
-)
-def test_sniff_listens_at_each_baud_rate(monkeypatch, tumblecal, sent, code, words):
-    """The verdict is what the plan of a capture needs; otherwise one line."""
-    samples, rng = blank(200), np.random.default_rng(1)
-    samples.force[:] = [0, 0, 1]
-    content = {
-        "mip": lambda: protocol("mip").encode(samples, Settings(rate_hz=100.0)),
-        "noise": lambda: rng.bytes(9999),
-    }
-
-    class Device:
-        def __init__(self, url, baud):
-            self.waiting = content[sent]() if sent and baud == 230400 else b""
-
-        def read(self):
-            data, self.waiting = self.waiting, b""
-            return data
-
-        def close(self):
-            pass
-
-    monkeypatch.setattr("tumblecal.capture.port.transport.Port", Device)
-    outcome = tumblecal("sniff", "imu", "--seconds", "0.02", "--baud", "115200", "--baud", "230400")
-    assert outcome.code == code and words in "".join([*outcome.lines[-1:], outcome.out])
-    assert len(outcome.lines) == (code == 2) and ('protocol = "mip", baud = 230400' in outcome.out) == (code == 0)
-
-
-def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
-    path = text(tmp_path / "other.csv", s, ",", imu_columns(s))
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join(line if k % 3 else "something else" for k, line in enumerate(lines, start=1)))
-    line = tumblecal("import", path, "--out", tmp_path / "out.parquet").lines[-1]
-    assert "other.csv:line 3" in line
-    assert "Give the columns of the quantities by --columns" in line
-    assert not (tmp_path / "out.parquet").exists()

@@ -96,14 +96,6 @@ def test_negative_numbers_written_as_unsigned_ones_are_a_question_whose_answer_r
     assert recording.layout.per_g == per_g and not recording.damage.lines
 
 
-def test_a_range_that_only_later_rows_show_is_a_question(tmp_path):
-    still = np.tile(np.round([[330.0, 500.0, 16380.0]]), (300_000, 1)) + np.arange(300_000)[:, None] % 5
-    steps = np.concatenate([still, np.round(forces() * 16384)])
-    written = np.where(steps < 0, steps + 65536, steps)
-    with pytest.raises(InputError, match="--signed 16 --unit 16384/g"):
-        read(tmp_path, table(written, names=NAMES), RecordingOptions(unit="16384/g"))
-
-
 @pytest.mark.parametrize("kind", ERASED)
 def test_rows_of_erased_memory_are_left_out(tmp_path, kind):
     columns = table(np.round(forces(), 5))
@@ -127,15 +119,6 @@ def test_late_rows_are_left_out_and_a_clock_that_restarts_is_kept(tmp_path):
         np.testing.assert_allclose(got[:, 1:], whole(columns)[order][expected, 1:], atol=1e-9, err_msg=what)
         count = int((~expected).sum())
         assert records(recording) == ([("disorder", count)] if count else []), what
-
-
-def test_rows_that_occur_twice_are_left_out(tmp_path):
-    columns = table(np.round(forces(), 5))
-    count = len(columns["time_s"])
-    order = np.sort(np.concatenate([np.arange(count), np.arange(7, count, 90)]))
-    got, recording = read(tmp_path, rows(columns, order))
-    np.testing.assert_allclose(got, whole(columns), atol=1e-9)
-    assert records(recording) == [("duplicates", len(order) - count)]
 
 
 @pytest.mark.parametrize(("times", "per_g"), [(2, 1e5), (7, 64), (3.25, 1e5)])

@@ -14,7 +14,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.recordings import reduce
 from tumblecal.recordings.dwells.file_names import recording_files
 from tumblecal.recordings.dwells.file_places import places_by_names, places_by_table
-from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.options import KnownContext, RecordingOptions
 
 
 FACES = {"x_p": (1, 0, 0), "x_n": (-1, 0, 0), "y_p": (0, 1, 0), "y_n": (0, -1, 0), "z_p": (0, 0, 1), "z_n": (0, 0, -1)}
@@ -148,15 +148,6 @@ def test_faults_of_a_table(content, words, tmp_path, six):
         places_by_table([Path("d/x_p.csv"), Path("d/x_n.csv")], tmp_path / "files.csv", read_plan(six))
 
 
-def test_files_of_one_name_need_their_folders_in_the_table(tmp_path):
-    (tmp_path / "files.csv").write_text("file,position\na.csv,up\n")
-    with pytest.raises(InputError, match=r"line 2 for 2/a.csv; write one row for each file, with its folder"):
-        places_by_table([Path("1/a.csv"), Path("2/a.csv")], tmp_path / "files.csv", None)
-    (tmp_path / "files.csv").write_text("file,position\n1/a.csv,up\n.\\2\\a.csv,down\n")
-    places = places_by_table([Path("1/a.csv"), Path("2/a.csv")], tmp_path / "files.csv", None)
-    assert [(place.name, place.known) for place in places.places] == [("up", False), ("down", False)]
-
-
 def spoil(folder: Path, how: str) -> None:
     path = folder / "z_p.csv"
     if how == "empty":
@@ -197,30 +188,6 @@ def test_files_that_are_not_of_one_recording(how, words, tmp_path, six):
     assert words in str(fault.value)
 
 
-@pytest.mark.parametrize(
-    ("context", "words"),
-    [
-        ({"means": True}, "--means needs one table with one row for each position, but 6 files are given"),
-        ({"static": True}, "--static states that the attitudes are unknown, --plan states them; give only one"),
-    ],
-)
-def test_options_that_do_not_fit_the_files(tmp_path, six, context, words):
-    files = faces(tmp_path / "f", rows=200)
-    with pytest.raises(InputError, match=words):
-        reduced(files, six, **context)
-
-
-def test_a_log_without_a_statement_of_its_positions_is_a_question(tmp_path):
-    write(tmp_path / "log.txt", (0, 0, 1))
-    with pytest.raises(
-        InputError, match=r"log.txt: state how to find its positions: --static .* --plan PLAN.toml .* --by"
-    ):
-        reduced([tmp_path / "log.txt"])
-    write(tmp_path / "log.txt", (0, 0, 1), names="n,ax_g,ay_g,az_g")
-    with pytest.raises(InputError, match=r"log.txt: the sample rate is not known; give --rate 100"):
-        reduced([tmp_path / "log.txt"], static=True)
-
-
 def test_positions_by_a_column_of_several_files(tmp_path):
     for name, place in (("a", "p,0,0"), ("b", "q,90,0")):
         rows = [f"{k / 100},{0.001 * (k % 3)},{name == 'b':d},{name == 'a':d},{place}" for k in range(40)]
@@ -228,13 +195,6 @@ def test_positions_by_a_column_of_several_files(tmp_path):
     found = reduced([tmp_path / "a.csv", tmp_path / "b.csv"], by="part")
     assert found.data.names == ("p", "q") and found.data.alpha_deg.tolist() == [0, 90]
     assert any("the pauses between the files are unknown" in line for line in found.dwells.lines)
-
-
-def test_intervals_that_are_too_short_are_a_line(tmp_path, six):
-    with pytest.raises(
-        InputError, match=r"no interval at rest of 3.9 s \(--least-s\) can be used: \d.*short.*3.9 s are needed"
-    ):
-        reduce.reduced(faces(tmp_path / "f"), KnownContext(plan=six), criterion=Criterion(least_s=3.9))
 
 
 def test_files_without_times_have_the_stated_rate(tmp_path, six):
@@ -248,44 +208,6 @@ def test_files_without_times_have_the_stated_rate(tmp_path, six):
     assert sorted(found.data.names) == sorted(FACES) and found.data.time_s is None
     (refused,) = (one.reason for one in found.dwells.stillness.intervals if one.reason)
     assert re.fullmatch(r"attitude: 7\d deg from the longest interval at rest of x_p.csv", refused)
-
-
-def test_a_file_without_a_still_part_is_reported_and_the_others_count(tmp_path, six):
-    files = faces(tmp_path / "f")
-    moving = np.column_stack([np.arange(500) / 100, np.random.default_rng(0).normal(size=(500, 3))])
-    np.savetxt(tmp_path / "f" / "z_p.csv", moving, delimiter=",", header="time_s,ax_g,ay_g,az_g", comments="")
-    found = reduced(files, six)
-    assert len(found.data) == 5
-    ((file, words),) = doubts_of(found)
-    assert file.endswith("z_p.csv")
-    assert "no interval at rest" in words
-
-
-def test_positions_that_are_alike_to_gravity_are_a_question(tmp_path):
-    path = tmp_path / "p.toml"
-    path.write_text("[positions]\nalpha_deg = [0, 90, 180, 270]\nbeta_deg = [0, 90]\n")
-    for name, up in zip("abcde", ((0, 0, 1), (0, 1, 0), (0, 0, -1), (0, -1, 0), (-1, 0, 0)), strict=True):
-        write(tmp_path / "f" / f"log{name}.csv", up)
-    with pytest.raises(InputError, match="gravity cannot separate position 5 of the plan from 6, 7, 8"):
-        reduced(recording_files([tmp_path / "f"]), path)
-
-
-def test_without_a_position_in_the_names_gravity_tells_it(tmp_path, six):
-    for name, up in zip("abcdef", FACES.values(), strict=True):
-        write(tmp_path / "f" / f"log{name}.csv", up)
-    found = reduced(recording_files([tmp_path / "f"]), six)
-    assert found.data.names == ("x_p", "x_n", "y_p", "y_n", "z_p", "z_n")
-    assert any(line.startswith("positions by the direction of gravity: loga.csv x_p") for line in found.dwells.lines)
-
-
-def test_names_of_which_some_are_positions_are_a_question(six):
-    files = [Path("x_p.csv"), Path("spare.csv")]
-    with pytest.raises(
-        InputError, match=r"spare.csv: not the name of a position of the plan.*--table files.csv"
-    ) as fault:
-        places_by_names(files, read_plan(six), hand_held=False)
-    assert "x_p.csv" in fault.value.__notes__[0]
-    assert len(places_by_names(files, read_plan(six), hand_held=True).places) == 2
 
 
 def test_dates_order_the_files_and_are_the_time(tmp_path, six):
@@ -309,12 +231,3 @@ def test_the_command_prints_the_positions_before_a_fault(tmp_path, tumblecal, si
     failed = tumblecal("reduce", tmp_path / "f", "--plan", six, "--out", out)
     assert failed.code == 2
     assert any("z_p.csv  z_p  alpha 0  beta 0" in line for line in failed.lines)
-
-
-def test_a_column_that_only_some_files_have_names_no_positions(tmp_path):
-    write(tmp_path / "a.csv", (1, 0, 0), names="time_s,ax_g,ay_g,az_g")
-    write(tmp_path / "b.csv", (0, 0, 1), names="time_s,ax_g,ay_g,az_g")
-    header, *rows = (tmp_path / "a.csv").read_text().splitlines()
-    (tmp_path / "a.csv").write_text("\n".join([f"{header},position", *(f"{row},up" for row in rows)]) + "\n")
-    data = reduced([tmp_path / "a.csv", tmp_path / "b.csv"]).data
-    assert data.hand_held and data.names == ("a", "b")

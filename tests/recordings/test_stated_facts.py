@@ -1,7 +1,5 @@
 """What a file states about its clock and columns; numbers that cannot be times or readings."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -54,14 +52,6 @@ def test_rows_that_are_no_readings_are_left_out(tmp_path, force):
     assert [(record.kind, record.rows, record.first_row) for record in recording.damage.records] == [
         ("impossible", 2, 1)
     ]
-
-
-def test_a_date_with_the_name_of_its_month(tmp_path, force):
-    lines = [f"11-Oct-2023 15:02:{k / 50:06.3f},{x:.4f},{y:.4f},{z:.4f}" for k, (x, y, z) in enumerate(force)]
-    (tmp_path / "log.csv").write_text("\n".join(["Timestamp,X,Y,Z", *lines]) + "\n")
-    recording = read_recording(tmp_path / "log.csv")
-    assert recording.rate_hz == pytest.approx(50.0)
-    assert recording.clock_comments["time_zero"] == "2023-10-11T15:02:00.000Z"
 
 
 def test_columns_of_one_name_are_proposed_by_what_they_are(tmp_path, force):
@@ -158,32 +148,6 @@ def test_rows_of_another_sensor_have_no_cells_and_are_left_out(tmp_path, force):
     )
     with pytest.raises(InputError, match=r"line 3: .* rows cannot be read as AccX, AccY, AccZ"):
         read_recording(tmp_path / "log.csv")
-
-
-def test_numbers_written_as_text_are_no_kinds_of_objects(tmp_path):
-    objects = [
-        json.dumps({"time": 1665871572227 + 20 * k, "dataX": f"{k % 3}.1", "dataY": "1.3", "dataZ": f"9.{70 + k}"})
-        for k in range(10)
-    ]
-    (tmp_path / "log.jsonl").write_text("\n".join(objects) + "\n")
-    recording = read_recording(tmp_path / "log.jsonl")
-    assert (recording.rows, recording.layout.unit) == (10, "ms2") and recording.rate_hz == pytest.approx(50)
-
-
-def test_a_preamble_states_the_rate_of_the_data(tmp_path, force):
-    text(tmp_path / "log.csv", "# Config: data_rate = 2000.0 Hz, filter = 488 Hz\na_x,a_y,a_z", force)
-    assert read_recording(tmp_path / "log.csv").rate_hz == 2000
-
-
-def test_a_sensor_that_moves_all_the_time_shows_no_bias(tmp_path):
-    """A pen in a hand: the means of short stretches lie near some sphere, whose radius is not gravity."""
-    rng = np.random.default_rng(0)
-    tilt = 0.9 + 0.6 * np.cumsum(rng.normal(size=(6000, 2)), 0) / np.sqrt(6000)
-    direction = np.column_stack([np.sin(tilt[:, 0]), np.cos(tilt[:, 0]) * np.sin(tilt[:, 1]), np.cos(tilt).prod(1)])
-    mg = 1000 * (direction + 0.08 * rng.normal(size=(6000, 3)))
-    log = text(tmp_path / "log.csv", "accX,accY,accZ", mg)
-    layout = read_recording(log, rate=50.0).layout
-    assert layout.unit == "mg" and layout.size == pytest.approx(np.median(np.linalg.norm(mg, axis=1)), rel=0.01)
 
 
 def test_millimetres_a_second_squared_are_no_counts(tmp_path, force):

@@ -100,16 +100,6 @@ def test_a_small_jump_within_an_interval_parts_it_and_slow_changes_do_not(tmp_pa
         assert abs(jump.used[0].stop - 2500) < 60 and abs(jump.used[1].start - 2500) < 60
 
 
-def test_an_interval_that_turns_slowly_is_refused(tmp_path):
-    """No second of it moves by more than the noise of a hand, but from beginning to end it turns by 17 degrees."""
-    s = made(Hand(tremor_g=6e-3, dwell_s=(20.0, 20.5)), attitudes=ATTITUDES[:4])
-    start, stop = s.still[2]
-    s.force[start:stop, 0] += 0.3 * np.linspace(0, 1, stop - start)
-    refused = [one for one in found_in(tmp_path, s.force, 100.0).intervals if one.reason]
-    assert [one.reason.partition(":")[0] for one in refused] == ["restless"]
-    assert abs(refused[0].start - start) < 50 and abs(refused[0].stop - stop) < 50
-
-
 @pytest.mark.parametrize("offset", [0.0, 0.35, 0.6])
 def test_sizes_are_judged_about_the_bias_of_each_axis(tmp_path, offset):
     """All attitudes count, whatever the offset; one that is accelerated by half a g does not."""
@@ -150,22 +140,6 @@ def test_a_knock_is_left_out_and_parts_no_interval(tmp_path):
     np.testing.assert_allclose(knocked.data.readings, plain.data.readings, atol=3e-4)
 
 
-def test_nothing_still_is_a_line_and_a_figure(tmp_path, tumblecal):
-    rng = np.random.default_rng(3)
-    s = made()
-    walked = {
-        f"acc_{a}": 9.8 * (k == 2) + 3 * np.cumsum(rng.normal(size=len(s.time_s))) / 30 for k, a in enumerate("xyz")
-    }
-    result = tumblecal("reduce", str(written(tmp_path, s, **walked)), "--static", "--out", str(tmp_path / "out"))
-    assert result.code == 2
-    *guesses, line = result.lines
-    assert all("guessed" in own or "not known" in own for own in guesses)
-    assert "no interval at rest" in line
-    assert "intervals.svg shows it" in line
-    assert (tmp_path / "out" / "intervals.svg").exists()
-    assert not (tmp_path / "out" / "positions.csv").exists()
-
-
 def test_gaps_and_clocks_that_jump_back_part_intervals_and_are_told(tmp_path):
     s = made()
     gap, back = s.still[1].mean().astype(int), s.still[5].mean().astype(int)
@@ -179,13 +153,3 @@ def test_gaps_and_clocks_that_jump_back_part_intervals_and_are_told(tmp_path):
     assert "1 gap, 30.0 s in all" in said
     assert "the clock jumps back 1 time" in said
     assert reduction.dwells.read[0].rate_hz == pytest.approx(100.0)
-
-
-def test_saturated_intervals_are_refused(tmp_path):
-    s = made()
-    cut = np.minimum(s.force[:, 2], 1.0)
-    reduction = reduced([written(tmp_path, s, acc_z=9.80665 * cut)], HAND_HELD)
-    assert reduction.dwells.stillness
-    refused = [one.reason for one in reduction.dwells.stillness.intervals if one.reason]
-    assert any(reason.startswith("saturated: axis z") for reason in refused)
-    assert (reduction.data.readings[:, 2] < 0.999).all()

@@ -98,18 +98,6 @@ def test_a_clock_in_several_columns(tmp_path, parts):
     assert described.begin_s == recording.begin_s and "time" in described.layout.columns
 
 
-def test_clocks_of_parquet_files(tmp_path):
-    """Dates and durations as such."""
-    passed = pl.Series(range(ROWS)) * timedelta(milliseconds=10)
-    for clock in (passed, pl.Series([BEGIN]).repeat_by(ROWS).explode() + passed):
-        source = pl.DataFrame({"time": clock, "ax": [0.1] * ROWS, "ay": [0.2] * ROWS, "az": [0.97] * ROWS})
-        source.write_parquet(tmp_path / "log.parquet")
-        write_samples(tmp_path / "log.parquet", tmp_path / "out.parquet", RecordingOptions())
-        np.testing.assert_allclose(
-            pl.read_parquet(tmp_path / "out.parquet")["time_s"], np.arange(ROWS) / 100, atol=1e-9
-        )
-
-
 GOOD = "t,ax,ay,az", "{t},0.1,0.2,0.97"
 # A header, rows with {t} (seconds) and {k} (number), options, and the fault.
 FAULTS = [
@@ -167,15 +155,3 @@ def test_a_fault_is_one_line(tmp_path, header, row, options, words):
     with pytest.raises(InputError, match=re.escape(words)) as refused:
         write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", RecordingOptions(**options))
     assert len(refused.value.faults) == 1 and not (tmp_path / "out.parquet").exists()
-
-
-def test_what_the_user_states_is_used_in_place_of_a_fault(tmp_path):
-    for header, row, options, column in (
-        ("t,ax_g,ay_mg,az_g", GOOD[1], {"unit": "g"}, "az_g"),
-        ("t,ax_g,ax_g,az_g", GOOD[1], {"columns": "time=1,ax=2,ay=3,az=4"}, "az_g"),
-        ("time,ax,ay,az", "10:05,0.1,0.2,0.97", {"rate": 100.0}, "az_g"),
-    ):
-        (tmp_path / "log.csv").write_text(text_of(header, row))
-        write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", RecordingOptions(**options))
-        frame = pl.read_parquet(tmp_path / "out.parquet")
-        assert frame[column].to_list() == [0.97] * ROWS and ("time_s" in frame.columns) == ("rate" not in options)

@@ -127,14 +127,6 @@ def test_layouts_of_loggers(tmp_path, name, encoding):
         np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
 
 
-def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):
-    lines = [f"ax:{f[0]},ay:{f[1]},az:{f[2]}" for f in FORCE]
-    lines[20], lines[30], lines[40] = "ax:0.1,az:0.3", "ay:0.1,ax:0.2,az:0.3", "ax:0.1,ay:0"
-    frame, contents = imported(tmp_path / "log.txt", "\n".join(lines) + "\nax:0.1,ay:0.2,az:0.")
-    assert contents.unread.places == [21, 31, 41, 61] and len(frame) == ROWS - 3
-    np.testing.assert_array_equal(of_axes(frame, "a"), np.delete(FORCE, [20, 30, 40], axis=0))
-
-
 def rows_of_json(**more) -> list[dict]:
     return [
         {"t": 10 * k, "accel": dict(zip("xyz", FORCE[k], strict=True)), "gyro": RATE[k].tolist(), **more}

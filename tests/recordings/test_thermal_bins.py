@@ -5,7 +5,6 @@ import polars as pl
 import pytest
 
 from tumblecal.recordings.thermal.bins import binned, default_width
-from tumblecal.recordings.thermal.rounding import rounding_sd
 from tumblecal.recordings.thermal.series import SQUARES, ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import resolution_of
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, ThermalTable
@@ -112,18 +111,3 @@ def test_the_resolution_of_the_thermometer_is_part_of_the_uncertainty():
     # Uniform errors: at most sqrt(3) standard deviations; the slope of a quiet axis may be small.
     assert np.abs(errors[:, [0, 2]]).max() < 2.2
     assert np.abs(errors[:, 2]).max() > 0.5
-
-
-@pytest.mark.parametrize("ratio", [0.0, 0.1, 0.3, 0.5])
-def test_rounding_error_is_that_of_means_of_rounded_readings(ratio: float):
-    step = 2e-3
-    true = np.linspace(0, step, 400, endpoint=False) + step / 800
-    quantiles = (np.arange(4000) + 0.5) / 4000
-    from scipy.special import ndtri
-
-    noise = ratio * step * ndtri(quantiles)
-    means = np.array([np.mean(np.round((value + noise) / step) * step) for value in true])
-    expected = np.sqrt(np.mean((means - true) ** 2))
-    np.testing.assert_allclose(
-        rounding_sd(np.array([step]), np.array([ratio * step]))[0], expected, rtol=0.02, atol=2e-7
-    )

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from recordings_made import recording_of
 
 from tumblecal.data.positions import PositionSet
@@ -17,7 +16,6 @@ from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.intervals import Interval
 from tumblecal.recordings.still.stillness import Stillness
 from tumblecal.recordings.table import Table
-from tumblecal.show.figures.interval import interval_figure
 from tumblecal.show.recordings import grouped_lines, import_lines, reduction_lines
 
 
@@ -97,17 +95,3 @@ def lines_of(*recordings, stillness=None, lines=()):
     return reduction_lines(
         DwellSamples(data, [np.zeros((2, 3))], 100.0, read=recordings, stillness=stillness, lines=lines)
     )
-
-
-@pytest.mark.parametrize("rejected", [0, 3])
-def test_the_figure_of_intervals(rejected):
-    figure = interval_figure(stillness_of(rejected), ("up", "east"))
-    (axes,) = figure.axes
-    assert axes.get_title() == f"2 still intervals used (green), {rejected} refused (red)"
-    (names,) = axes.child_axes
-    assert [label.get_text() for label in names.get_xticklabels()] == ["up", "east"]
-    assert len(axes.patches) == 2 + rejected
-    # A gap is no line.
-    assert [bool(np.isnan(line.get_ydata()).any() or np.isnan(line.get_xdata()).any()) for line in axes.lines] == [
-        True
-    ] * 3

@@ -115,27 +115,6 @@ def test_tables_hold_the_numbers_of_the_json(page, folder, diagnosis):
     )
 
 
-def test_limits_are_all_there_in_the_order_of_the_catalogue(page, diagnosis):
-    cells = rows(page)
-    first = next(k for k, row in enumerate(cells) if row and row[0] == "effect")
-    told = cells[first + 1 : first + 1 + sum(len(limit.coefficients) for limit in diagnosis.limits.values())]
-    assert [*dict.fromkeys(row[0] for row in told)] == [id for id in diagnosis.entries if id in diagnosis.limits]
-    listed = [
-        size
-        for id in diagnosis.entries
-        if id in diagnosis.limits
-        for size in diagnosis.limits[id].coefficients.values()
-    ]
-    for row, size in zip(told, listed, strict=True):
-        assert row[2] == "undetectable" if size is None else float(row[2]) == pytest.approx(size, rel=6e-3)
-    for id, absorbed in diagnosis.invisible.items():
-        row = next(row for row in cells if len(row) == 4 and row[0] == id)
-        assert row[3].startswith(absorbed.absorbed_by[0])
-    reasons = {row[0]: row[1].split(", ") for row in cells if len(row) == 2}
-    for id, reason in diagnosis.model.not_testable.items():
-        assert id in reasons[reason]
-
-
 @pytest.mark.parametrize("kind", ["adequate", "mixed_up", "by_hand"])
 def test_page_of_other_verdicts(kind, request, chromium, tmp_path):
     diagnosis = request.getfixturevalue(kind)

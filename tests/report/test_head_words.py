@@ -140,14 +140,6 @@ def test_each_finding_on_a_head_is_in_a_text(snapshot):
     snapshot("units", texts(cases))
 
 
-def test_a_hand_held_session_names_common_effects_and_causes_of_single_units(snapshot):
-    alone = rows(u1="second_order.z", u5="outlier_position:3")
-    common = found("identified", explanation(by_unit=(SQUARE,)), varying=(amounts(SQUARE, (0, 1, 2)),), hand_held=True)
-    nothing = found("adequate", NOTHING, detected=False, hand_held=True)
-    cases = {"common": (common, alone), "single units": (nothing, alone), "nothing": (nothing, rows())}
-    snapshot("hand_held_units", texts(cases))
-
-
 def test_sizes_are_in_the_unit_of_the_catalogue():
     """0.8 and 1.3 of 1e-3 g/g^2, and levels of 0.3 and -0.2 mrad; the sine of the wobble is not determined separately."""
     several = found(

@@ -10,10 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 import tumblecal
-from tumblecal.estimation import default_chain, exact, problem_of
+from tumblecal.estimation import problem_of
 from tumblecal.estimation.methods import all_methods
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.showing import Screen, brief, drawn_by
+from tumblecal.ground.showing import Screen, brief
 from tumblecal.show.figures.calibration import FIGURES
 
 
@@ -57,19 +56,6 @@ def test_methods_are_drawn_with_the_exact_fit_alone(results):
     assert FIGURES["methods.svg"](alone) is None  # a page has it if there is something to compare
 
 
-def test_what_is_saved_is_what_is_read(results, tmp_path, table1):
-    for name in ("calibrated", "exact", "diagnosis"):
-        results[name].save(tmp_path / f"{name}.json")
-    saved = {name: tumblecal.load(tmp_path / f"{name}.json") for name in ("calibrated", "exact", "diagnosis")}
-    np.testing.assert_array_equal(saved["calibrated"].matrix, saved["exact"].matrix)
-    assert saved["calibrated"].use == results["calibrated"].use
-    assert [term.effect for term in saved["diagnosis"].terms] == ["cross_coupling.y.yz"]
-    without = exact.fit(problem_of(table1, default_chain(table1).fixed({"dK", "bias", "gamma"}), noise_sd=1e-4))
-    with pytest.raises(InputError, match="no calibration to save"):
-        without.save(tmp_path / "none.json")
-    assert not (tmp_path / "none.json").exists()
-
-
 def test_a_long_table_ends_after_24_rows_and_columns_are_aligned():
     screen = Screen("27 <rows>", ("name", "value"), [(f"row {k}", str(10**k)) for k in range(27)], ["a & b"])
     headline, header, *rows, more, note = screen.text().splitlines()
@@ -86,9 +72,3 @@ def test_objects_of_large_arrays_are_one_line():
     long.__dataclass_fields__ = dict.fromkeys(("array", "many", "few", "made", "text"))
     long.array, long.many, long.few, long.made, long.text = np.zeros((3, 2)), [1] * 9, (1, 2), len, "x" * 300
     assert brief(long) == "SimpleNamespace(array: float64[3, 2], many: 9 items, few: (1, 2), made: function, text: str)"
-
-
-def test_a_figure_of_nothing_says_so(monkeypatch):
-    monkeypatch.setattr("tumblecal.ground.showing.function_named", lambda name: lambda result: None)
-    with pytest.raises(ValueError, match="nothing to draw for these data: The residuals"):
-        drawn_by("module.figure", "The residuals.")(None)

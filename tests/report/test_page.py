@@ -1,19 +1,15 @@
 """The page of the paper's study, opened in a real browser."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from reading_html import Cells
 
-from tumblecal.data import paper
-from tumblecal.show.figures.drawing import new_panel
-from tumblecal.show.figures.paper import FIGURES
 from tumblecal.show.page import write_page
 from tumblecal.show.tables import Table
-from tumblecal.show.verdict import Finding, Unresolved, Verdict
+from tumblecal.show.verdict import Verdict
 from tumblecal.show.words import SectionWords, Words
 
 
@@ -76,99 +72,6 @@ def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
     assert document.count("<h2>") >= 3
 
 
-def test_the_first_screen_is_a_headline_cards_and_what_to_run(page):
-    text = page.read_text(encoding="utf-8")
-    body = text[text.index("<body") :]
-    assert "by the input of the paper" in body[: body.index('class="cards"')] and "ADEQUATE" in body
-    cards = body[body.index('class="cards"') : body.index("<nav>")]
-    assert cards.count("<article") == 4 and "tumblecal calibrate" in cards
-    titles = re.findall("<h2>(.*?)</h2>", body)
-    assert titles[0] == "Audit of Table 1" and titles.index("Simulation: the paper&#39;s figures 4 to 9") > 3
-    assert len(re.sub("<[^>]+>", " ", cards).split()) < 150
-
-
-def spark():
-    figure, panel = new_panel(1.55, 3.9)
-    panel.plot([0, 1])
-    return figure
-
-
-LONG = "second_order.z or cross_axis_square.z"
-RECORD = Verdict(
-    "ambiguous",
-    "Two errors found; the cause of one is not resolved.",
-    "measured.csv",
-    "yes, from 24 to 26.5 degC only: a dependence on temperature outside this range was not measured",
-    found=(
-        Finding("Second-order nonlinearity of the z axis", "0.532 +- 0.062 mg/g^2", "second_order.z"),
-        Finding("The bias of the x axis drifts steadily during the measurement", "0.297 +- 0.054 mg/h", "bias_drift.x"),
-    ),
-    unresolved=(
-        Unresolved(LONG, "the same function in a 1 g field: no measurement in gravity distinguishes them", (1,)),
-        Unresolved("bias_drift.x or warm_up", "time and temperature are fully correlated in these data (r = 1.00)", (2,)),
-    ),
-    evidence=("Nominal model rejected, p = 3.1e-13.", "Probability 0.96.", "Held-out error 0.141 -> 0.103 mg."),
-    next=(
-        "Measure next, to separate the leading explanations: alpha 0, 180 at beta 0, directly after this measurement.",
-        "tumblecal capture diagnosis/next_positions.toml --out next --port PORT",
-        "tumblecal diagnose --join --same-run measured.csv next/positions.csv --noise-sd 0.1mg --out again",
-        *(f"Instruction {k} of many that are about as long as a line of the verdict is on a terminal." for k in range(20)),
-        "second_order.z: Apply the quadratic term.",
-    ),
-)  # fmt: skip
-PLACES = """<script>window.addEventListener("load", () => {
-  const cards = [...document.querySelectorAll(".card")].map(card => card.getBoundingClientRect());
-  document.title = JSON.stringify({bottoms: cards.map(box => box.bottom), tops: cards.map(box => box.top),
-    wide: document.documentElement.scrollWidth - document.documentElement.clientWidth});})</script>"""
-
-
-def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium, tmp_path):
-    """1280 x 800: all cards end above the fold. 375 px wide: both findings, the action card, and no horizontal scroll."""
-    words = layout("Diagnosis", "48 positions.", found=[["", "", "", "spark"]] * 2)
-    write_page(tmp_path / "p.html", words, {"spark": spark}, verdict=RECORD)
-    text = (tmp_path / "p.html").read_text(encoding="utf-8")
-    assert "0.532 ± 0.062 mg/g²" in text and "24 to 26.5 °C" in text and "0.141 → 0.103 mg" in text
-    # Nothing twice; commands as they are pasted; what belongs to a finding is on its card.
-    pasted = re.sub("</?kbd>", "", text)
-    for words in (LONG, "bias_drift.x or warm_up", "--same-run measured.csv", "Instruction 19"):
-        assert pasted.count(words) == 1, words
-    cards = re.findall(r"<article.*?</article>", text, re.S)
-    assert "Apply the quadratic term" in cards[0] and "Instruction 19" in cards[2].partition("<details>")[2]
-    (tmp_path / "wide.html").write_text(text.replace("</body>", PLACES + "</body>"), encoding="utf-8")
-    seen = json.loads(chromium.title(tmp_path / "wide.html", "--window-size=1280,800"))
-    assert len(seen["bottoms"]) == 3 and max(seen["bottoms"]) < 800 and len({*seen["tops"]}) == 1 and seen["wide"] <= 0
-    # A window is at least 500 px wide; a frame may be narrower.
-    frame = (
-        "<iframe src='wide.html' width=375 height=800 onload='document.title = this.contentDocument.title'></iframe>"
-    )
-    (tmp_path / "narrow.html").write_text(f"<html><body>{frame}</body></html>", encoding="utf-8")
-    seen = json.loads(chromium.title(tmp_path / "narrow.html", "--allow-file-access-from-files"))
-    assert seen["wide"] <= 0 and seen["tops"] == sorted(seen["tops"]) and len({*seen["tops"]}) == 3
-
-
-def test_the_exact_line_lies_above_kalman_s_and_bands_are_named(study):
-    drawn = [figure_of(study) for figure_of in FIGURES.values()]
-    assert len(drawn) == 6
-    for figure in drawn:
-        for axes in figure.axes:
-            lines = {line.get_label(): line for line in axes.lines}
-            exact, kalman = lines["exact"], lines["Kalman"]
-            assert list(axes.lines).index(exact) > list(axes.lines).index(kalman)
-            assert exact.get_linewidth() < kalman.get_linewidth() and exact.is_dashed()
-        told = [text.get_text() for text in figure.legends[0].get_texts()]
-        assert any(words.startswith("2 sd of") for words in told)
-
-
-def test_study_json_is_complete(page):
-    content = json.loads((page.parent / "study.json").read_text(encoding="utf-8"))
-    assert content["simulation"]["sets"] == 600
-    assert set(content["simulation"]["parameters"]) == set(paper.SIMULATION_TRUTH)
-    published = content["audit"]["explanations"][1]
-    assert published["p_value"] < 1e-60
-    assert content["table1"]["methods"]["exact"]["sigma_g"] == pytest.approx(0.0978e-3, abs=5e-8)
-    assert content["table2"]["dK_x"] == pytest.approx([-0.000356964770523, -0.000149857625963, -0.000388360211397])
-
-
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
     cells = Table(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]])
     script = replace(NOTHING, evidence=("<script>alert(1)</script>",))
@@ -194,25 +97,3 @@ def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
     words = layout("Title", "", *((f"Part {k}", [["[table rows]"]]) for k in range(5)))
     write_page(tmp_path / "p.html", words, tables={"rows": table})
     assert chromium.printed(tmp_path / "p.html") == 3
-
-
-@pytest.mark.long
-def test_dark_and_folded(chromium, tmp_path):
-    """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
-    long = Table(["", "value"], [[f"row {k}", "1"] for k in range(30)])
-    drawn = replace(long, rows=long.rows[:2])
-    words = layout("Long", "", ("Numbers", [["[table long]"], ["[table drawn]", "folded"]]))
-    write_page(tmp_path / "long.html", words, tables={"long": long, "drawn": drawn})
-    text = (tmp_path / "long.html").read_text(encoding="utf-8")
-    assert (
-        "<summary>all 30 rows</summary>" in text
-        and "<summary>all 2 rows</summary>" in text
-        and "details::details-content" in text
-    )
-    probe = "<script>addEventListener('load', () => document.title = getComputedStyle(document.body).backgroundColor)</script>"
-    (tmp_path / "probe.html").write_text(text.replace("</body>", probe + "</body>"), encoding="utf-8")
-    shown = {
-        name: re.search("<title>(.*?)</title>", chromium(*flags, "--dump-dom", (tmp_path / "probe.html").as_uri()))[1]
-        for name, flags in {"dark": ["--blink-settings=preferredColorScheme=0"], "light": []}.items()
-    }
-    assert shown == {"dark": "rgb(22, 22, 22)", "light": "rgb(255, 255, 255)"}

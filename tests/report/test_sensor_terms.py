@@ -1,7 +1,6 @@
 """Effects that a model is given with, such as a rig's, are in calibration.json: as terms, else named as what it cannot hold."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -12,12 +11,7 @@ from independent import Instrument
 from independent import readings as linear_readings
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_terms import Term
-from tumblecal.data.not_applied import NotApplied
-from tumblecal.effects.catalogue import catalogue
-from tumblecal.effects.effect import OF_HEAD, OF_RUN
 from tumblecal.estimation import exact, problem_of, where_of
-from tumblecal.ground.errors import InputError
-from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
 from tumblecal.lab.sensor_terms import undetermined_order
 
 
@@ -123,34 +117,6 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     assert several.out.count("not corrected by calibration.json: bias_drift.x (up to") == 2
 
 
-def test_a_diagnosis_warns_of_what_the_sensor_lacks():
-    losses = [NotApplied("bias_drift.x", OF_RUN, 3.0, 1.0), NotApplied("index_eccentricity", OF_HEAD, 50.0, 20.0)]
-    diagnosis = SimpleNamespace(calibration=SimpleNamespace(not_applied=losses))
-    (words,) = lacking_of_diagnosis(diagnosis, of_sensor=True)
-    assert words.startswith("not corrected by calibration.json: bias_drift.x (up to 3 mg")
-
-
-@pytest.mark.long
-def test_a_users_effect_has_the_form_that_it_states(tumblecal, tmp_path, measured):
-    mine, rig, out = tmp_path / "mine.py", rig_file(tmp_path, "my_square", "scale_temperature.y"), tmp_path / "out"
-    rig.write_text(rig.read_text().replace('"second_order.z" =', "my_square ="))
-    options = [measured, "--rig", rig, "--effects", mine, "--no-figures", "--out", out]
-    mine.write_text(MINE.replace("FORM", '{"axis": "z", "powers": [0, 0, 2]}'))
-    assert tumblecal("calibrate", *options).code == 0
-    content = json.loads((out / "calibration.json").read_text())
-    assert {term["effect"] for term in content["terms"]} == {"my_square", "scale_temperature.y"}
-    assert size_of_force_mg(tumblecal, out / "calibration.json", measured)[0] < 1.3 * NOISE_MG
-    mine.write_text(MINE.replace("FORM", ""))
-    ran = tumblecal("calibrate", *options)
-    assert ran.code == 0 and "my_square (up to" in " ".join(ran.out.split())
-    twice = '{"axis": "z", "powers": [0, 0, 2]}, {"axis": "z", "powers": [0, 0, 3]}'
-    mine.write_text(MINE.replace("FORM", twice))
-    with pytest.raises(
-        InputError, match=r"mine.py:line 5: effect 'my_square': 2 forms for 1 coefficient; give one for"
-    ):
-        catalogue(mine)
-
-
 def test_three_temperatures_leave_the_third_order_open():
     """A cubic about the middle of three soaks reads as a slope at them: 1.7 mg remained and nothing was stated."""
     soaks = np.array([-20.0, 20.0, 60.0])
@@ -177,22 +143,6 @@ def test_a_form_that_is_another_function_than_its_term_is_refused(tumblecal, tmp
     mine.write_text(MINE.replace("FORM", '{"axis": "z", "powers": [0, 0, 3]}'))
     ran = tumblecal("calibrate", measured, "--rig", rig, "--effects", mine, "--no-figures", "--out", tmp_path / "out")
     assert ran.code == 2 and "effect my_square: forms.0: differs from the function of the effect" in ran.lines[-1]
-
-
-def test_an_effect_that_can_be_simulated_alone_is_refused_with_its_reason(tumblecal, tmp_path, measured):
-    rig = rig_file(tmp_path, "dead_zone.z")
-    ran = tumblecal("calibrate", measured, "--rig", rig, "--no-figures", "--out", tmp_path / "out")
-    assert ran.code == 2 and len(ran.lines) == 1
-    assert "dead_zone.z can be simulated but not fitted" in ran.lines[0] and "bias_asymmetry.z" in ran.lines[0]
-
-
-def test_a_time_constant_is_fitted_from_amplitudes_of_typical_size(tmp_path):
-    """At amplitude zero the constant changes no reading: such a rig was rejected as undetermined, whatever the data."""
-    rig = package.read_rig(rig_file(tmp_path, "warm_up"))
-    chain = rig.chain(rig.where).started()
-    start = dict(zip(chain.names, chain.vector.tolist(), strict=True))
-    assert [start[f"warm_up_{axis}"] for axis in "xyz"] == [1e-3] * 3 and start["warm_up_tau"] > 0
-    assert start["bias_x"] == 0
 
 
 # Amplitudes in mg, time constant as a share of the duration. With these seeds the fit ran away, ended at 0.04 of the duration,

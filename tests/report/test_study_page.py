@@ -91,30 +91,3 @@ def test_convergence_draws_the_errors_and_the_data_sets_needed(tmp_path):
     drawn = draw_each(tmp_path, FIGURES["convergence"], content, frames)
     assert list(drawn) == ["convergence.svg", "data_sets_needed.svg"]
     assert drawn["data_sets_needed.svg"].count("below ") >= 2 and "kalman" in drawn["convergence.svg"]
-
-
-@pytest.mark.parametrize(
-    ("fewest", "headline"),
-    [
-        (40, "All errors stay below 0.0001 after 40 data sets by exact."),
-        (None, "No method has all errors below 0.0001"),
-    ],
-)
-def test_convergence_is_answered_by_the_fewest_data_sets(fewest, headline):
-    settled = {"0.0001": {"median_data_sets": fewest, "parameter": "bias_z"}}
-    later = {"0.0001": {"median_data_sets": fewest and 2 * fewest, "parameter": "dK_x"}}
-    content = GIVEN | {
-        "methods": ["exact", "kalman"],
-        "settled": {"exact": settled, "kalman": later},
-        "data_sets": 1000,
-    }
-    content |= {"nees_expected": 15, "nis_expected": 3, "runs": 20, "noise": "white"}
-    rows = [("exact", 1000, 15.0, None), ("kalman", 1000, 16.5, 3.0)]
-    consistency = pl.DataFrame(rows, ["method", "data_sets", "nees", "nis"], orient="row")
-    answer = answer_of("convergence", content, {"consistency": consistency})
-    assert answer.words.verdict.headline.startswith(headline)
-    cells = [["40 (bias_z)"], ["80 (dK_x)"]] if fewest else [["> 1000"], ["> 1000"]]
-    ends = [["1.000", "-"], ["1.100", "1.000"]]
-    assert [list(row) for row in answer.table.rows] == [
-        [name, *cell, *end] for name, cell, end in zip(content["methods"], cells, ends, strict=True)
-    ]

@@ -1,7 +1,6 @@
 """`tumblecal thermal` on the example of docs/thermal.md, run as the page states it: output, files, page, rejected options."""
 
 import hashlib
-import json
 import re
 import shlex
 from pathlib import Path
@@ -72,53 +71,3 @@ def test_the_page_is_complete_in_a_browser(example, chromium):
         assert words in first, words
     text = re.sub(r"<(svg|style|script).*?</\1>", "", document, flags=re.S)
     assert not re.search(r"\bnan\b|\binf\b|None|\{\{", text)
-
-
-@pytest.mark.long
-def test_the_other_commands_of_the_page_run(example, tumblecal):
-    for line in "".join(blocks("sh")[1:]).splitlines():
-        outcome = tumblecal(*shlex.split(line)[1:])
-        assert outcome.code == 0, (line, outcome.lines)
-    record = json.loads(Path("one_attitude/thermal.json").read_text(encoding="utf-8"))
-    assert (
-        record["use"]["answer"] == "within"
-        and record["use"]["expanded_g"] > 1e-3
-        and record["not_determined"]["combinations"]
-    )
-    assert "bias_x - " in record["not_determined"]["combinations"][0]
-
-
-@pytest.mark.long
-def test_one_attitude_without_a_calibration_has_exit_code_3_and_a_record(example, tumblecal):
-    outcome = tumblecal("thermal", "z_up.csv", "--order", "bias=1", "--json", "--out", "changes")
-    assert outcome.code == 3
-    record = json.loads(outcome.out)
-    assert record["schema"] == "tumblecal.thermal/1" and record["use"]["answer"] == "no"
-    assert record["orders"]["bias"] == 1 and record["not_determined"]["at_reference"] == ["dK", "bias", "gamma"]
-    assert any("--calibration" in line for line in outcome.lines)
-    page = Path("changes/thermal.html").read_text(encoding="utf-8")
-    assert "DO NOT USE" in page and "Combinations that the curves of the biases describe" in page
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--order", "bias=9"], "--order bias=9: '9' is not an order from 0 to 5"),
-        (["--order", "size=1"], "--order size=1: no 'size'; names: bias, scale, orthogonality, mount"),
-        (["--knots", "bias=a"], "--knots bias: 'a': write numbers, such as 0,20,40"),
-        (["--order", "bias=3", "--knots", "bias=20"], "--order and --knots both state bias"),
-        (["--bin-width", "0"], "--bin-width. Must be > 0"),
-        (["--calibration", "missing.json"], "missing.json"),
-    ],
-)
-def test_an_option_that_cannot_be_read_is_one_line(example, tumblecal, options, words):
-    outcome = tumblecal("thermal", "z_up.csv", *options, "--out", "none")
-    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
-    assert not Path("none").exists()
-
-
-def test_inputs_are_not_overwritten(example, tumblecal):
-    before = Path("unit17/bins.csv").read_bytes()
-    outcome = tumblecal("thermal", "unit17/bins.csv", "--out", "unit17")
-    assert outcome.code == 2 and len(outcome.lines) == 1 and "bins.csv" in outcome.lines[0]
-    assert Path("unit17/bins.csv").read_bytes() == before

@@ -9,14 +9,14 @@ import pytest
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.plan import grid
 from tumblecal.data import PositionSet
-from tumblecal.estimation import closed_form, problem_of
+from tumblecal.estimation import problem_of
 from tumblecal.estimation.programs import compiler_options
 from tumblecal.simulation.chain_fit import expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, experiment
 from tumblecal.simulation.harmonic_fit import fit_harmonics
 from tumblecal.simulation.inject import injected_links
-from tumblecal.simulation.sums import chunk_sums, sums_of
-from tumblecal.simulation.uniform import harmonic_path, uniform_plan
+from tumblecal.simulation.sums import sums_of
+from tumblecal.simulation.uniform import harmonic_path
 
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
@@ -64,22 +64,6 @@ def data_of(alpha_deg, beta_deg, readings):
     return PositionSet(names, np.asarray(alpha_deg, float), np.asarray(beta_deg, float), readings)
 
 
-@pytest.mark.parametrize("size", [1e-3, 2e-2])
-@pytest.mark.parametrize(
-    ("betas", "angles"), [(np.array([0.0, 45.0, 90.0]), 8), (np.array([-20.0, 0.0, 35.0, 60.0, 80.0]), 3)]
-)
-def test_harmonic_fits_are_the_closed_form(betas, angles, size):
-    plan = grid(np.arange(angles) * 360 / angles, betas)
-    where = settings(plan.alpha, plan.beta)
-    _, readings = readings_of(nominal_chain(where), where, size, seed=1)
-    uniform = uniform_plan(where.alpha, where.beta, where.index("pitch"))
-    fits = fitted(uniform, readings)
-    assert np.all(fits.converged)
-    for lane in range(4):
-        expected = closed_form.estimate(data_of(plan.alpha_deg, plan.beta_deg, readings[lane]))
-        np.testing.assert_allclose(fits.values[:, lane], expected, rtol=0, atol=1e-12)
-
-
 def test_both_paths_and_optimistix_agree():
     plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
     where = settings(plan.alpha, plan.beta)
@@ -115,20 +99,6 @@ def test_a_lost_lane_is_counted_and_not_averaged_in():
     assert float(rest.failed) == 1 and float(rest.trials) == BLOCK
     one = (np.asarray(trials.values - trials.truth)[:, 7]) / np.sqrt(np.diag(setup.covariance))
     np.testing.assert_allclose(whole.error - rest.error, one, rtol=0, atol=1e-10)
-
-
-def test_statistics_of_many_trials_are_the_theory():
-    setup = paper_experiment()
-    sums = chunk_sums(setup, 0)(0, 16 * BLOCK)
-    n = float(sums.trials)
-    assert float(sums.failed) == 0 and setup.path == "harmonic" and setup.dof == 57
-    assert np.all(np.abs(np.asarray(sums.error)) < 5 * np.sqrt(n))
-    assert np.all(np.abs(np.diag(sums.products) / n - 1) < 5 * np.sqrt(2 / n))
-    assert abs(float(sums.chi2) / n - 57) < 5 * np.sqrt(2 * 57 / n)
-    assert abs(float(sums.nees) / n - 15) < 5 * np.sqrt(2 * 15 / n)
-    for row, level in enumerate((0.68, 0.95, 0.99)):
-        covered = np.asarray(sums.covered)[:, row] / n
-        assert np.all(np.abs(covered - level) < 5 * np.sqrt(level * (1 - level) / n))
 
 
 def test_injected_effects_reach_both_paths_alike():

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import tumblecal
-from tumblecal import InputError, Problem
+from tumblecal import Problem
 from tumblecal.chain import nominal_chain, settings
-from tumblecal.estimation import programs
 from tumblecal.noise import Covariance
-from tumblecal.simulation import blocks, coverage, linearisation_error, monte_carlo
+from tumblecal.simulation import coverage, monte_carlo
 from tumblecal.simulation.experiment import experiment_of
 
 
@@ -47,22 +46,6 @@ def test_each_fit_is_the_single_fit(problem, readings, path):
         assert np.max(np.abs(many.values[number] - fit.values)) < 1e-11
         assert many.chi2[number] == pytest.approx(fit.chi2, rel=1e-7)
         assert many.sd[number] == pytest.approx(fit.sd, rel=0.02)
-
-
-@pytest.mark.long
-def test_parts_from_a_generator_are_one_batch_and_priors_count(problem, readings, monkeypatch):
-    stated = Problem.from_arrays(
-        problem.chain, problem.where, problem.readings, noise_sd=SD, priors={"dbeta": (0.0, 1e-4)}
-    )
-    whole = tumblecal.fit_many(stated, readings[:40])
-    # From the second block on by the optimised program.
-    compiled, options = [], programs.compiler_options
-    monkeypatch.setattr(blocks, "MANY_BLOCKS", 1)
-    monkeypatch.setattr(programs, "compiler_options", lambda kind=False: compiled.append(kind) or options(kind))
-    parts = tumblecal.fit_many(stated, (part for part in np.split(readings[:40], [7, 30])))
-    assert True in compiled and np.allclose(whole.values, parts.values, rtol=0, atol=1e-13)
-    fit = single(problem, readings[9], noise_sd=SD, priors={"dbeta": (0.0, 1e-4)})
-    assert np.max(np.abs(whole.values[9] - fit.values)) < 1e-11
 
 
 def test_excluded_positions_have_no_part_in_many_fits(problem, readings):
@@ -111,17 +94,6 @@ def test_coverage_is_that_of_the_same_trials(problem, known):
     assert table["sd_over_predicted"].to_numpy() == pytest.approx(1, abs=5 / np.sqrt(2 * 3000))
 
 
-def test_samplers_that_cannot_be_are_one_message(problem):
-    rng = np.random.default_rng(0)
-    for sampler, words in (
-        (lambda key: jax.random.normal(key, (14,)), r"truth: .* returns an array of the shape \(14,\), not \(15,\)"),
-        (lambda key: 1e-3 * rng.normal(size=15), "truth: .* different arrays for the same key; draw with jax.random"),
-    ):
-        for made in (coverage, monte_carlo):
-            with pytest.raises(InputError, match=words):
-                made(problem, 10, truth=sampler)
-
-
 def test_drawn_noise_has_the_covariance_of_the_problem(problem):
     level = np.eye(24) + 0.5 * np.ones((24, 24))
     for noise in (
@@ -145,24 +117,3 @@ def test_an_effect_in_the_readings_alone_biases_the_fits(problem):
     runs = monte_carlo(problem, 2048, seed=3, simulated=simulated)
     expected = single(problem, np.asarray(simulated(problem.where)), noise_sd=SD).values
     assert np.max(np.abs(runs.values.mean(axis=0) - expected) / runs.sd[0]) < 0.1
-
-
-def test_the_linear_fit_s_error_grows_with_the_square_of_the_size(problem):
-    small, large = linearisation_error(problem.chain, problem.where, [1e-4, 1e-3])
-    assert large == pytest.approx(100 * small, rel=0.05)
-    # A linear fit in numpy of the same readings, by other instruments.
-    truth = 1e-3 * np.random.default_rng(0).normal(size=(100, 15))
-    moved = np.stack([np.asarray(problem.chain.at(vector)(problem.where)) - problem.readings for vector in truth])
-    jacobian = tumblecal.fit(problem).jacobian / problem.scales * SD
-    linear = np.linalg.lstsq(jacobian, moved.reshape(100, -1).T, rcond=None)[0].T
-    assert np.sqrt(np.mean((linear - truth) ** 2, axis=0)) == pytest.approx(large, rel=0.5)
-
-
-def test_readings_of_another_plan_are_one_message(problem):
-    with pytest.raises(InputError, match=r"shape \(5, 20, 3\); 24 positions need \(fits, 24, 3\)"):
-        tumblecal.fit_many(problem, np.zeros((5, 20, 3)))
-
-
-def test_noise_that_nobody_stated_is_one_message(problem):
-    with pytest.raises(InputError, match="the noise is unknown"):
-        monte_carlo(Problem.from_arrays(problem.chain, problem.where, problem.readings), 10)

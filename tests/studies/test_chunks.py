@@ -130,13 +130,6 @@ def test_a_chunk_changed_after_it_was_checked_stops_the_study(tmp_path, tables):
     store.close()
 
 
-def test_a_stored_chunk_that_counts_other_trials_is_computed_again(tmp_path, tables):
-    outcome(tables(), tmp_path)
-    chunk_path(tmp_path, 1).write_bytes(delivered(tables(), 1, "", (1.5, 1.5))[1])
-    total, computed, (told,) = outcome(tables(), tmp_path)
-    assert (total, computed) == (14.0, [1]) and "it counts 1.5 trials, 1 were requested" in told
-
-
 def test_a_worker_of_which_one_chunk_is_wrong_is_named_and_all_its_chunks_are_removed(tmp_path, tables):
     """Its counts are right and its sums 1.5 times too large; the chunk of the other worker stays."""
 
@@ -154,18 +147,6 @@ def test_a_worker_of_which_one_chunk_is_wrong_is_named_and_all_its_chunks_are_re
     total, again, told = outcome(tables(), tmp_path)
     # The two removed, and then the one of the worker that was not yet verified.
     assert (total, again, told) == (14.0, [1, 2, 0], [])
-
-
-def test_chunks_of_a_worker_are_verified_after_an_interruption_too(tmp_path, tables):
-    def interrupted(missing, /, check, tell):
-        yield delivered(tables(), 0, "bad", (1.5, 1.0))
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run(tables(), tmp_path, study=Squares(tables()), computed=interrupted)
-    with pytest.raises(InputError, match="worker bad: chunk 0"):
-        outcome(tables(), tmp_path)
-    assert outcome(tables(), tmp_path)[0] == 14.0
 
 
 def test_every_kind_of_study_counts_its_trials(configs):

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -114,21 +113,6 @@ def test_foreign_workers_are_refused_by_name(tmp_path, study, changed, without):
     versions, missing = sorted(caught.value.faults, key=lambda fault: "no tumblecal" in fault)
     own = maker()["versions"]["tumblecal"]
     assert "worker tcp://" in versions and f"against {own}" in versions and "it has no tumblecal" in missing
-
-
-def test_a_worker_that_ends_while_it_is_compared_is_no_foreign_one(study):
-    """It had "another tumblecal", which ended the study."""
-    answers = {"tcp://a": maker(), "tcp://b": distributed.comm.CommClosedError("reset by peer")}
-    client = SimpleNamespace(
-        wait_for_workers=lambda *_, **options: None,
-        scheduler_info=lambda **options: {"workers": answers},
-        run=lambda *_, **options: answers,
-    )
-    compared = cluster_module._Cluster(client, "--workers", work, study)._compare_workers
-    compared()
-    answers["tcp://b"] = PermissionError("tumblecal")
-    with pytest.raises(InputError, match=r"worker tcp://b rejected: it has another tumblecal"):
-        compared()
 
 
 class Thirty(Squares):

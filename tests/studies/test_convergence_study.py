@@ -55,22 +55,3 @@ def test_convergence_statistics(convergence):
     assert abs(nis - 27) < 5 * np.sqrt(2 * 27 / 100)
     exact = frames["needed"].filter((pl.col("method") == "exact") & (pl.col("threshold") == 1e-4))
     assert exact["median"].max() <= 40 and result["settled"]["exact"]["1e-05"]["median_data_sets"] is None
-
-
-def test_correlated_means_from_dwell_to_dwell_have_the_exact_covariance():
-    import jax
-
-    from tumblecal.noise import GaussMarkov, Noise, RandomWalk, White, regular_dwells
-    from tumblecal.simulation.noise_steps import noise_steps
-
-    one = np.array([1.0, 2.0, 0.5])
-    noise = Noise((White(3 * one), GaussMarkov(one, 4.0), GaussMarkov(2 * one, 300.0), RandomWalk(0.1 * one)))
-    dwells = regular_dwells(5, dwell_s=10.0, move_s=3.0, rate_hz=5.0)
-    steps, lanes = noise_steps(noise, dwells), 40_000
-    state = steps.first(jax.random.key(0), lanes)
-    _, means = jax.jit(lambda s: steps.dwells(s, jax.random.key(1), 5))(state)
-    expected = noise.mean_covariance(dwells)
-    for axis in range(3):
-        values = np.asarray(means)[:, axis]
-        scale = np.sqrt(np.outer(np.diag(expected[axis]), np.diag(expected[axis])))
-        assert np.max(np.abs(values @ values.T / lanes - expected[axis]) / scale) < 5 * np.sqrt(2 / lanes)

@@ -52,15 +52,6 @@ def test_noise_is_far_below_what_is_stated(audited):
     assert noise.p_value < 1e-6
 
 
-def test_diffuse_filter_is_the_running_mean(study):
-    count = np.arange(1, 601)[:, None]
-    off = np.abs(study.diffuse - np.cumsum(study.single, axis=0) / count) * np.sqrt(count) / study.single_sd
-    assert np.max(off) < 1e-3
-    assert study.kalman_is_running_mean == pytest.approx(np.max(off), rel=1e-6)
-    # and with the informative prior it is not, at first
-    assert np.max(np.abs(study.kalman[0] - study.single[0]) / study.single_sd) > 0.1
-
-
 def test_every_method_finds_the_truth_within_its_own_sd(study):
     """The first-order bias (2e-6) is far below the sd of one set; over 600 sets it is below 0.3 sd of the mean."""
     sd = study.single_sd / np.sqrt(600)

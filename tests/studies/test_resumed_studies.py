@@ -107,11 +107,3 @@ def test_a_folder_is_one_study_s_at_a_time(tmp_path, configs):
     again = Store(tmp_path, study, 2)
     again.close()
     assert again.missing() == [0] and [path.name for path in (tmp_path / "chunks").iterdir()] == ["00000001.npz"]
-
-
-def test_no_scheduler_is_told_in_one_line(configs):
-    pytest.importorskip("distributed")
-    from tumblecal.studies.cluster import cluster
-
-    with pytest.raises(InputError, match="--scheduler"), cluster({}, scheduler="nonsense://1"):
-        pass

@@ -27,17 +27,3 @@ def test_a_fault_is_told_with_its_path(tmp_path, configs, text, word):
     head = f'schema = "tumblecal.study.coverage/1"\nrig = "{configs / "paper24.toml"}"\ntrials = 10\n'
     with pytest.raises(InputError, match=word):
         read_study(written(tmp_path, head + text), "coverage")
-
-
-def test_all_faults_of_a_study_are_told_at_once(tmp_path):
-    (tmp_path / "rig.toml").write_text('schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = [0]\n')
-    path = written(
-        tmp_path,
-        'schema = "tumblecal.study.coverage/1"\nrig = "rig.toml"\ntrials = "many"\ncolour = 1\n'
-        '[noise]\nsd = "0.1"\nrate = "5 mg"\n[truth.spread]\ndK = "1 mg"\n',
-    )
-    with pytest.raises(InputError) as caught:
-        read_study(path, "coverage")
-    told = "\n".join(caught.value.faults)
-    for place in ("trials", "colour", "noise.sd", "noise.rate", "plan"):
-        assert place in told

@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 
 from tumblecal.ground.errors import InputError
-from tumblecal.show.figures.drawing import draw_each
-from tumblecal.show.figures.study import FIGURES
-from tumblecal.show.page import write_page
-from tumblecal.show.study import answer_of
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
-from tumblecal.studies.sweep import Sweep, points_of
+from tumblecal.studies.sweep import points_of
 
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
@@ -51,26 +47,6 @@ def test_sweep_points_are_coverage_studies(tmp_path, configs):
         f"{here}: grid.study.noise.sd = '0 mg': noise.sd: '0 mg': a standard deviation must be above 0 (1e-12 to 1e6 g)",
         f"{here}: grid.rig.noise.sd = 'oops': noise.sd: 'oops' is not a number with a unit, such as '1 mg'",
     )
-
-
-def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
-    study = read_study(configs / "study_sweep.toml", "sweep", {"trials": 2000})
-    study["study"]["grid"] = {"study.inject.second_order.y": [0, 1.0]}
-    content, frames = run(study, tmp_path, study=Sweep(study))
-    quiet, loud = (point["chi2_mean"] for point in content["points"])
-    assert abs(quiet - 57) < 5 * np.sqrt(2 * 57 / 2000) and loud > 100
-    assert content["units"] == {"study.inject.second_order.y": "mg/g^2"}
-    answer = answer_of("sweep", content, frames)
-    assert (
-        answer.table.header[0] == "second_order.y, mg/g^2"
-        and "(second_order.y 1.0 mg/g^2)" in answer.words.verdict.headline
-    )
-    figures = draw_each(tmp_path, FIGURES["sweep"], content, frames)
-    assert "study.inject.second_order.y, mg/g^2" in figures["sweep.svg"]
-    page = tmp_path / "sweep.html"
-    write_page(page, answer.words, figures, tables={"results": answer.table})
-    assert "study.inject.second_order.y&#34; = [0.0, 1.0]" in page.read_text()
-    assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
 
 
 @pytest.mark.usefixtures("few_effects")

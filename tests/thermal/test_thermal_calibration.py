@@ -90,22 +90,6 @@ def test_hysteresis_is_found_stated_and_part_of_the_uncertainty():
     assert stated == {f"bias_{axis}": pytest.approx(size) for axis, size in zip("xyz", found.half_width, strict=True)}
 
 
-EIGHT_SOAKS = Programme(-10.0, tuple((degc, 2.0) for degc in [*range(0, 61, 10), *range(50, -11, -10)]), soak_min=20.0)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("width", "programme"),
-    [(20.0, CYCLE), pytest.param(0.0, EIGHT_SOAKS, marks=pytest.mark.long)],
-    ids=["play", "ellipse"],
-)
-def test_a_loop_of_hysteresis_is_no_evidence_for_an_order(width, programme):
-    _, _, data = table(21, 12, programme, bias_order=2, scale_order=0, hysteresis_mg=0.3, more={"width": width})
-    choice = chosen_model(data, Stated())
-    assert choice.orders["bias"] == 2
-    assert "hysteresis" in choice.orders and "dK" not in choice.orders
-
-
 @pytest.mark.long
 def test_a_lag_of_the_thermometer_is_fitted_in_seconds():
     rates = Programme(-10.0, ((60.0, 2.0), (-10.0, 0.5), (60.0, 1.0)))
@@ -137,16 +121,6 @@ def test_one_direction_separates_no_effect_of_the_history_and_its_usual_size_is_
 
 
 FAST = Programme(-10.0, ((60.0, 10.0), (-10.0, 10.0)))
-
-
-@pytest.mark.long
-def test_an_effect_of_the_rate_that_two_rates_separate_costs_no_order_of_the_bias():
-    """The difference between the branches is 7 mg, and the cubic part of the bias 1 mg."""
-    rates = replace(FAST, legs=(*FAST.legs, (60.0, 3.0), (-10.0, 3.0)))
-    _, _, data = table(13, 6, rates, bias_order=3, more={"rate_effect": 0.02})
-    result = thermal_calibration(data)
-    assert result.choice.orders["bias"] == 3
-    assert result.calibration.use.answer == "within" and result.noise_factor < 1.2
 
 
 @pytest.mark.long
@@ -217,17 +191,6 @@ def test_data_that_contradict_the_model_are_not_for_use():
     _, _, data = table(9, 12, unit=unit, more={"bins": 8})
     use = thermal_calibration(data).calibration.use
     assert use.answer == "no" and use.reason.startswith("the data contradict the model")
-
-
-@pytest.mark.long
-def test_soaks_limit_the_order():
-    soaks = Programme(0.0, ((25.0, 2.0), (50.0, 2.0)), soak_min=20.0)
-    _, _, data = table(9, 9, soaks, bias_order=1, low=0.0, high=50.0)
-    assert thermal_calibration(data).choice.highest["bias"] == 2
-    with pytest.raises(
-        InputError, match="3 different temperatures cannot determine order 3 of bias; the highest order is 2"
-    ):
-        thermal_calibration(data, Stated(orders={"bias": 3}))
 
 
 def test_one_temperature_is_rejected():

@@ -185,7 +185,7 @@ def frame_of(piece: bytes, separator: str, marks: Sequence[str]) -> "pl.DataFram
     **Arguments:**
 
     - `piece`: lines that end in line feeds.
-    - `marks`: decimal mark of each column, as in `marks_of`; empty for words. Numbers with other marks are null.
+    - `marks`: decimal mark of each column; empty for words. Numbers with other marks are null.
     """
     import polars as pl
 

@@ -1,12 +1,11 @@
 """Decimal marks and thousands separators, determined from unambiguous numbers.
 
 "0,010", "9,81" and "12345,678" have a decimal comma; "1,234,567" and "1,234.5" have thousands separators; "1,234" alone is
-ambiguous. The same applies with points and commas exchanged. For recordings the marks of most cells are used (`marks_of`).
-Tables of positions have one decimal mark, and an ambiguous number is rejected (`with_points`).
+ambiguous. The same applies with points and commas exchanged. Tables of positions have one decimal mark, and an ambiguous number
+is rejected (`with_points`).
 """
 
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,7 +27,6 @@ NUMBER = re.compile(
 # Digits and marks, and the exponent.
 _MARKED = re.compile(rf"[+-]?([\d.,]*\d[\d.,]*)({_EXPONENT})")
 _EITHER = re.compile(r"[1-9]\d{0,2}[.,]\d{3}")
-_TORN_SHARE = 0.05
 
 
 class Marks(NamedTuple):
@@ -81,52 +79,12 @@ def without_decimal_comma(option: str) -> str:
 _GROUPED = {decimal: re.compile(grouped_by_three(decimal)) for decimal in OTHER}
 
 
-def marks_of(columns: Sequence[Sequence[str]]) -> tuple[str | None, ...]:
-    """The marks of each column of cells: the same for the whole table if its numbers do not contradict each other.
-
-    **Returns:** "." or "," if the thousands separator is unknown; ".," and ",." with a known separator; None for a column
-    with numbers such as "1,234" that the table does not determine.
-    """
-    by_column = [_column_marks(cells) for cells in columns]
-    sure = {marks for marks in by_column if marks and len(marks) == 2}
-    if len(sure) == 1:
-        return (*sure,) * len(by_column)
-    # If other columns have a decimal comma, an ambiguous point is not a decimal mark.
-    unmarked = {"": ".", ".": None} if sure else {"": "."}
-    return tuple(None if marks is None else unmarked.get(marks, marks) for marks in by_column)
-
-
-def _column_marks(cells: Sequence[str]) -> str | None:
-    """The marks of one column alone: "" without marks, "." for ambiguous points, which usually are decimal points."""
-    evidence = [evidence_of(cell) for cell in cells]
-    votes, may_be = Counter(marks.decimal for marks in evidence), Counter(marks.either for marks in evidence)
-    hundreds = sum(0 < (marks.whole or 0) < 1000 for marks in evidence)
-    mark = max(".,", key=lambda key: votes[key])
-    # An incomplete cell, such as "5,35" of "5,352", is no evidence against many others.
-    torn = votes[mark] < hundreds and votes[mark] < _TORN_SHARE * may_be[mark]
-    if votes[mark] and not torn:
-        return mark + OTHER[mark]
-    either = [mark for mark in ".," if may_be[mark]]
-    if len(either) != 1:
-        return None if either else ""
-    mark = either[0]
-    if any((marks.whole or 0) >= 1000 for marks in evidence):
-        # A column with 1234 has no thousands separators.
-        return mark + OTHER[mark]
-    if hundreds:
-        # A column with 1.230 keeps final zeros, so its 512 is not 512.000.
-        pairs = zip(evidence, cells, strict=True)
-        ends_with_zero = any(marks.either == mark and cell.endswith("0") for marks, cell in pairs)
-        return OTHER[mark] + mark if ends_with_zero else None
-    return "." if mark == "." else None
-
-
 def number_of(name: str, marks: str, *, sure: bool = False, either: str = "") -> "pl.Expr":
     """The numbers of a column of text; null for cells in other forms.
 
     **Arguments:**
 
-    - `marks`: the decimal mark, and the thousands separator if there is one, as in `marks_of`.
+    - `marks`: the decimal mark, and the thousands separator if there is one.
     - `sure`: ambiguous numbers, such as "1,234" with decimal points, are null. `either`: cells of this pattern are null.
     """
     import polars as pl

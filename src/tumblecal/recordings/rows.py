@@ -30,6 +30,8 @@ _MOST_UNREADABLE, _SHOWN = 0.2, 5
 _CHECKED_ROWS = 2000
 # Fewest rows with equal readings that are erased memory; most rows that are late, before the clock goes on.
 _FEWEST_ERASED, _MOST_LATE = 20, 100
+# Difference of the two ends of a range: -128 and 127.
+_SAME_END = 0.01
 # Readings of this many times the size of gravity are no readings.
 _IMPOSSIBLE = 1000
 # Share of equal readings among rows with one time that occur twice.
@@ -127,24 +129,23 @@ def _label(name: str) -> pl.Expr:
 def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDArray[np.bool_], list[DamageRecord]]:
     """The rows of a table of samples that are retained, (n,), and the records of the others.
 
-    Left out are erased memory (all readings stop for 20 rows or more, and the clock too or all axes have one number), rows
-    that are earlier than one before them (unless the clock restarts), rows that occur twice, and repeats of a sample by
-    a logger that is faster than the sensor.
+    Left out are erased memory, rows that are earlier than one before them (unless the clock restarts), rows that occur twice,
+    and repeats of a sample by a logger that is faster than the sensor. In erased memory, all readings stop for 20 rows or more,
+    and the clock stops too or all axes have one number; that number is not the end of the range that other rows reach.
     """
     named = names_of(layout)
     channels = [named[role] for role in (*FORCE, *RATE) if role in named]
     force = pl.col(channels[:3])
     size = layout.size / (layout.per_g if layout.per_g and layout.unit == "g" else 1.0)
     x, y, z = (pl.col(named[axis]) / layout.columns[axis].scale + layout.columns[axis].offset for axis in FORCE)
-    facts = scan_parquet(samples, check=False)[0].select(
+    found = scan_parquet(samples, check=False)[0].select(
         same=pl.all_horizontal(pl.col(channels).eq_missing(pl.col(channels).shift(1))),
         same_force=pl.all_horizontal(force.eq_missing(force.shift(1))),
-        impossible=pl.any_horizontal(force.abs() > _IMPOSSIBLE * size),
         flat=(x - y).abs() + (x - z).abs() <= 1e-9 * x.abs(),
+        largest=pl.max_horizontal(force.abs()),
         time=pl.col("time_s") if "time" in named else pl.lit(None, pl.Float64),
     )
-    found = facts.collect(engine="streaming")
-    same, same_force, flat, time = (found[name].to_numpy() for name in ("same", "same_force", "flat", "time"))
+    same, same_force, flat, largest, time = (column.to_numpy() for column in found.collect(engine="streaming"))
     same_time = np.append(False, np.diff(time) == 0)
     records: list[DamageRecord] = []
     kept = np.ones(len(same), bool)
@@ -157,14 +158,15 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
             words = f"{counted(count, 'row')} {words}, first row {first}: left out"
             records.append(DamageRecord(kind, words, "left out", count, first, *more))
 
-    leave(found["impossible"].to_numpy(), "impossible", f"of more than {_IMPOSSIBLE} times the size of gravity")
-    stopped = _long_runs(same & same_time) & (np.mean(same_time) < 0.5)
-    leave(stopped | (_long_runs(same) & flat), "erased", "of erased memory")
-    if "time" in named:
-        late = np.zeros(len(kept), bool)
-        late[kept] = _late(time[kept])
-        leave(late, "disorder", "earlier than a row before them")
-    if same_time.any() and np.mean(same[same_time]) > _FEWEST_EQUAL and np.mean(same[~same_time]) < 1 - _FEWEST_EQUAL:
+    leave(largest > _IMPOSSIBLE * size, "impossible", f"of more than {_IMPOSSIBLE} times the size of gravity")
+    stopped = _long_runs(same & same_time) & (same_time.mean() < 0.5)
+    flat &= _long_runs(same)
+    saturated = np.isclose(largest, largest[kept & ~flat].max(initial=0.0), rtol=_SAME_END)
+    leave(stopped | (flat & ~saturated), "erased", "of erased memory")
+    late = kept.copy()
+    late[kept] = _late(time[kept])
+    leave(late, "disorder", "earlier than a row before them")
+    if same_time.any() and same[same_time].mean() > _FEWEST_EQUAL and same[~same_time].mean() < 1 - _FEWEST_EQUAL:
         leave(same & same_time, "duplicates", "that occur twice, with the same time and readings")
     starts = np.flatnonzero(kept & ~same_force)
     lengths = np.diff(np.append(starts, len(kept)))
@@ -173,7 +175,7 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
         ratio = float(np.mean(lengths[lengths < 1.75 * np.median(lengths)]))
         samples_of = np.maximum(np.round(lengths / ratio), 1).astype(int)
         within = np.arange(samples_of.sum()) - np.repeat(np.cumsum(samples_of) - samples_of, samples_of)
-        repeats = np.ones(len(kept), bool)
+        repeats = kept.copy()
         repeats[np.repeat(starts, samples_of) + (within * ratio).astype(int)] = False
         rate = f" ({rate_hz / ratio:.4g} samples a second in {rate_hz:.4g} rows)" if rate_hz else ""
         leave(repeats, "repeats", f"that repeat a sample{rate}, each {ratio:.3g} times", ratio, "rows a sample")

@@ -22,7 +22,7 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
-_PIECE, _RECORDS = 1 << 21, 1 << 10
+_PIECE, _RECORDS = 1 << 20, 1 << 10
 _STORED_EVENTS = 8
 
 

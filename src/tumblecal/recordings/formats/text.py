@@ -1,9 +1,9 @@
 """Text: rows between separators, or lines with words around their numbers; what the lines before the rows state."""
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import mode
 
 import polars as pl
 
@@ -65,13 +65,13 @@ def _read(source: Source) -> list[Table]:
     lines = [clock.line(line) for line in written] if clock else written
     rows = [[] if comment_in(line) is not None else row_of(line, separator) for line in lines]
     good = [row for row in rows if numbers_in(row) >= 3]
-    width = Counter(map(len, good)).most_common(1)[0][0] if good else 0
+    width = mode(map(len, good)) if good else 0
     good = [row for row in good if len(row) == width]
     if len(good) < min(_FEWEST_LINES, len(body) - 1):
         if table := _of_axes(source, rows, separator):
             return [table]
         good = []
-    roles = [{role_of(cell)[0] for cell in row} for row in rows]
+    roles = [{role_of(cell)[0] for cell in row if not numbers_in([cell])} for row in rows]
     # A last column may be empty in some rows, or in all.
     named = {len(row) for row, there in zip(rows, roles, strict=True) if there - {""}}
     ends = separator != " " and any(cells_of(line, separator)[width:] == [""] for line in middle)
@@ -154,7 +154,7 @@ def _of_form(source: Source, written: Sequence[str], form, name: str) -> Table:
 
 def _of_axes(source: Source, rows: Sequence[list[str]], separator: str) -> Table | None:
     """A table with a row for each axis, as one with a column for each; None for other text."""
-    width = Counter(map(len, rows)).most_common(1)[0][0]
+    width = mode(map(len, rows))
     names, *good = [row for row in rows if len(row) == width]
     columns = dict(zip(names, zip(*good, strict=True), strict=False))
     axes = [name for name, cells in columns.items() if {*map(str.lower, cells)} == {"x", "y", "z"}]
