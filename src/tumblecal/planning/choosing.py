@@ -1,14 +1,14 @@
 """Proposals chosen by their value: the best single ones, and a set with a large joint value."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from tumblecal.planning.new_rows import Rows
+from tumblecal.planning.posterior import Value
 from tumblecal.planning.proposals import Proposal
-from tumblecal.planning.value import Separation, Sharpening
 
 
 MOST_IN_SET = 12
@@ -23,51 +23,42 @@ class Choosing:
     listed: list[Proposal]
     rows: Rows
 
-    def best(self, value: Separation | Sharpening, most: int, least: float) -> list[tuple[int, float]]:
-        """Numbers and values of the best single proposals: at most `most`, each with a value above `least`."""
-        values = np.where(self._analysable([]), value.of(self.rows.cells), 0.0)
-        order = np.argsort(-values, kind="stable")[:most].tolist()
-        return [(k, float(values[k])) for k in order if values[k] > least]
+    @cached_property
+    def _alone(self) -> Bool[np.ndarray, " listed"]:
+        """Which proposals can be analysed alone: positions of a new mounting must determine its angles."""
+        pairs = zip(self.listed, self.rows.cells, strict=True)
+        return np.array([not one.side or self.rows.determine_group_parameters(cells) for one, cells in pairs], bool)
 
-    def greedy(self, value: Separation | Sharpening, least: Callable[[int], float]) -> list[tuple[int, float]]:
+    def best(self, value: Value, most: int, least: float) -> list[tuple[Proposal, float]]:
+        """The best single proposals with their values: at most `most`, each with a value above `least`."""
+        values = np.where(self._alone, value.of(self.rows.cells), 0.0)
+        order = np.argsort(-values, kind="stable")[:most].tolist()
+        return [(self.listed[k], float(values[k])) for k in order if values[k] > least]
+
+    def greedy(self, value: Value, least: Float[np.ndarray, " listed"]) -> list[tuple[Proposal, float]]:
         """A set chosen one by one, each the best per position given those before it, with the value that each adds.
 
         **Arguments:**
 
-        - `least`: the value below which nothing is added, for a number of positions of the proposal.
+        - `least`: the value of each proposal below which it is not added.
         """
-        chosen: list[tuple[int, float]] = []
-        effort = np.array([_EFFORT if np.any(self.rows.of_new_groups(cells)) else 1.0 for cells in self.rows.cells])
-        spent = set[tuple[str, float, float]]()
-        while not value.enough:
-            usable = self._analysable([k for k, _ in chosen])
+        chosen: list[tuple[Proposal, float]] = []
+        cost = np.array([one.cost for one in self.listed])
+        new = [bool(self.rows.of_new_groups(cells).size) for cells in self.rows.cells]
+        spent, sides = set[tuple[str, float, float]](), set[str]()
+        while value.lacking > 0.0:
             # The same position is not proposed twice: a turn of four is part of that of eight.
-            fits = [
-                k
-                for k, one in enumerate(self.listed)
-                if usable[k] and one.cost <= MOST_IN_SET - len(spent) and not spent & one.places
+            usable = [
+                (alone or one.side in sides) and one.cost <= MOST_IN_SET - len(spent) and not spent & one.places
+                for one, alone in zip(self.listed, self._alone, strict=True)
             ]
-            cells = [self.rows.cells[k] for k in fits]
-            values = value.of(cells)
-            enough = values >= [least(len(each)) for each in cells]
-            if not np.any(enough):
+            values = value.of(self.rows.cells)
+            usable &= values >= least
+            if not np.any(usable):
                 break
-            best = int(np.argmax(np.where(enough, value.per_position(cells, values) / effort[fits], 0.0)))
-            chosen.append((fits[best], float(values[best])))
-            value.take(cells[best])
-            spent |= self.listed[fits[best]].places
+            worth = np.minimum(values, value.lacking) / cost / np.where(new, _EFFORT, 1.0)
+            best = int(np.argmax(np.where(usable, worth, 0.0)))
+            chosen.append((self.listed[best], value.take(self.rows.cells[best])))
+            spent |= self.listed[best].places
+            sides.add(self.listed[best].side)
         return chosen
-
-    def _analysable(self, chosen: list[int]) -> Bool[np.ndarray, " listed"]:
-        """Which proposals can be analysed together with those chosen: positions of a new mounting must determine its angles."""
-        of_mounting: dict[str, list[np.ndarray]] = {}
-        for k in chosen:
-            of_mounting.setdefault(self.listed[k].side, []).append(self.rows.cells[k])
-        return np.array(
-            [
-                not proposal.side
-                or self.rows.determine_group_parameters(np.concatenate([*of_mounting.get(proposal.side, ()), cells]))
-                for proposal, cells in zip(self.listed, self.rows.cells, strict=True)
-            ],
-            bool,
-        )

@@ -64,27 +64,31 @@ def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list
     - `data`: the present positions; by default proposals stay within their pitch angles.
     - `sides`: remountings that can be analysed.
     """
+    beta = data.pitch_setting_deg
     alphas = allowed.alpha_deg or tuple(float(angle) for angle in range(0, 360, STEP_DEG))
-    betas = allowed.beta_deg or _levels(data.pitch_setting_deg)
+    between = np.arange(np.ceil(beta.min() / STEP_DEG), np.floor(beta.max() / STEP_DEG) + 1) * STEP_DEG
+    levels = {round(angle, 6): angle for angle in (*between.tolist(), *beta.tolist())}
+    betas = allowed.beta_deg or tuple(levels[key] for key in sorted(levels))
     listed = [Proposal((alpha,), beta, "") for beta in betas for alpha in alphas]
-    measured = [beta for beta in betas if np.any(np.isclose(data.pitch_setting_deg, beta))] or betas
-    turns = dict.fromkeys(_turn(alphas, count) for count in TURNS)
+    measured = [level for level in betas if np.any(np.isclose(beta, level))] or betas
+    # A turn has so many of the spindle angles, spread over them.
+    ordered, turns = sorted({*alphas}), dict[tuple[float, ...], None]()
+    for count in np.minimum(TURNS, len(ordered)).tolist():
+        turns[tuple(ordered[k * len(ordered) // count] for k in range(count))] = None
     return listed + [Proposal(turn, beta, side) for side in sides for beta in measured for turn in turns]
 
 
 def reversed_run(data: PositionSet, allowed: Allowed) -> list[Proposal]:
     """All positions of the last run and mounting again, the last one first; none if they are many or may not be set again."""
-    count = len(data)
-    groups = list(zip(data.run or ("1",) * count, data.mount or ("1",) * count, strict=True))
-    rows = [k for k in reversed(range(count)) if groups[k] == groups[-1]]
-    again = [Proposal((float(data.alpha_deg[k]),), float(data.pitch_setting_deg[k]), "") for k in rows]
-    angles = [(one.alpha_deg[0], one.beta_deg) for one in again]
-    usable = all(
-        given is None or np.any(np.isclose(given, angle))
-        for pair in angles
-        for given, angle in zip((allowed.alpha_deg, allowed.beta_deg), pair, strict=True)
-    )
-    return again if usable and len(again) <= MOST_REVERSED else []
+    groups = list(zip(data.run or ("1",) * len(data), data.mount or ("1",) * len(data), strict=True))
+    rows = [k for k in reversed(range(len(data))) if groups[k] == groups[-1]]
+    usable = [
+        given is None or np.all(np.any(np.isclose(given, angle[rows][:, None]), axis=1))
+        for given, angle in ((allowed.alpha_deg, data.alpha_deg), (allowed.beta_deg, data.pitch_setting_deg))
+    ]
+    if not all(usable) or len(rows) > MOST_REVERSED:
+        return []
+    return [Proposal((float(data.alpha_deg[k]),), float(data.pitch_setting_deg[k]), "") for k in rows]
 
 
 def by_pitch(chosen: Iterable[Proposal]) -> list[Proposal]:
@@ -94,17 +98,3 @@ def by_pitch(chosen: Iterable[Proposal]) -> list[Proposal]:
         groups.setdefault((proposal.side, proposal.beta_deg), []).append(proposal)
     order = ("", *SIDES)
     return [proposal for key in sorted(groups, key=lambda key: order.index(key[0])) for proposal in groups[key]]
-
-
-def _levels(beta_deg: np.ndarray) -> tuple[float, ...]:
-    """The pitch settings of the data and the multiples of 15 degrees between them."""
-    between = np.arange(np.ceil(beta_deg.min() / STEP_DEG), np.floor(beta_deg.max() / STEP_DEG) + 1) * STEP_DEG
-    measured = {round(float(angle), 6): float(angle) for angle in beta_deg}
-    return tuple(measured.get(angle, angle) for angle in sorted({*measured, *between.tolist()}))
-
-
-def _turn(alphas: Sequence[float], most: int) -> tuple[float, ...]:
-    """At most so many of the spindle angles, spread over them."""
-    ordered = sorted(set(alphas))
-    count = min(len(ordered), most)
-    return tuple(ordered[k * len(ordered) // count] for k in range(count))
