@@ -6,18 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tumblecal.chain import Link
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
-from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels
 from tumblecal.planning.conditions import Conditions
-from tumblecal.planning.new_rows import Rows, acts_at_settings, rows_of
+from tumblecal.planning.new_rows import Rows, rows_of
 from tumblecal.planning.posterior import Posterior
-from tumblecal.planning.proposals import Proposal
+from tumblecal.planning.proposals import NextPosition
 
 
 MOST_ALTERNATIVES = 10
@@ -32,19 +30,17 @@ class Competing:
 
     - `labels`: of its `causes`; empty: nothing beyond the nominal model. `probability`: of it.
     - `larger`: the probability of its causes with further ones, relative to that of its causes alone.
-    - `vector`: the full vector that its rows are linearised at.
     """
 
     labels: Labels
     causes: tuple[Cause, ...]
     probability: float
     larger: float
-    vector: np.ndarray
 
 
 class Predicted(NamedTuple):
-    """New positions under the explanations: their rows under the leading one, and the posterior of each with its coefficients,
-    time constants included, and the nominal parameters."""
+    """New positions under the explanations: their rows, and the posterior of each, with its coefficients (time constants
+    included) and the nominal parameters."""
 
     rows: Rows
     posteriors: list[Posterior]
@@ -75,21 +71,19 @@ class Competition:
         return [labels for labels in self.diagnosis.best.separable if UNEXPLAINED in labels]
 
     @property
-    def at_settings(self) -> list[Link]:
-        """Links of the explanations that act at one pitch setting, or have a value for each."""
-        links = (link for one in self.competing for cause in one.causes for link in cause.slot.links)
-        return [link for link in links if acts_at_settings(link)]
+    def at_settings(self) -> bool:
+        """Whether an explanation acts at one pitch setting, or has a value for each: it predicts nothing at another one."""
+        links = [link for one in self.competing for cause in one.causes for link in cause.slot.links]
+        return any(hasattr(link, "setting") or getattr(link, "by", "") == "pitch" for link in links)
 
-    def at(self, listed: Sequence[Proposal], conditions: Conditions) -> Predicted:
+    def at(self, listed: Sequence[NextPosition], conditions: Conditions) -> Predicted:
         """Every explanation at new positions; arguments as of `rows_of`."""
-        model, made, posteriors = self.diagnosis.model, dict[int, Rows](), list[Posterior]()
+        nominal, posteriors = range(self.diagnosis.model.nominal), list[Posterior]()
+        rows = rows_of(self.diagnosis, listed, conditions)
         for one in self.competing:
-            if id(one.vector) not in made:
-                made[id(one.vector)] = rows_of(self.diagnosis, listed, one.vector, conditions)
             own = (column for cause in one.causes for column in cause.slot.all_columns)
-            rows = made[id(one.vector)].under(one.causes, model.names)
-            posteriors.append(rows.posterior((*range(model.nominal), *own)))
-        return Predicted(made[id(self.competing[0].vector)], posteriors)
+            posteriors.append(rows.under(one.causes, self.diagnosis.model.names).posterior((*nominal, *own)))
+        return Predicted(rows, posteriors)
 
 
 def competition(diagnosis: Diagnosis) -> Competition:
@@ -98,7 +92,7 @@ def competition(diagnosis: Diagnosis) -> Competition:
     An error that is not in the catalogue predicts nothing, and noise of another kind no other readings: neither competes. A set
     that includes the leading causes can always produce their signal.
     """
-    screened, best, vector = diagnosis.screened, diagnosis.best, diagnosis.extended.vector
+    screened, best = diagnosis.screened, diagnosis.best
     pool, ranked = screened.pool, screened.search.ranked()
     # The most probable set of each explanation, and the probability of all its sets relative to that of the first.
     sets, weights = dict[frozenset[str], tuple[Cause, ...]](), dict[frozenset[str], float]()
@@ -108,13 +102,13 @@ def competition(diagnosis: Diagnosis) -> Competition:
         sets.setdefault(own, tuple([pool.causes[k] for k in members]))
         weights[own] = weights.get(own, 0.0) + weight
 
-    def made(labels: Labels, causes: tuple[Cause, ...], probability: float, at: np.ndarray) -> Competing:
+    def made(labels: Labels, causes: tuple[Cause, ...], probability: float) -> Competing:
         larger = sum(weight for other, weight in weights.items() if {*labels} < other)
-        return Competing(labels, causes, probability, larger / weights.get(frozenset(labels), np.inf), at)
+        return Competing(labels, causes, probability, larger / weights.get(frozenset(labels), np.inf))
 
     shares, claimed = dict(zip(best.equivalents, best.shares, strict=True)), {*best.identical, *best.powers}
     own_probability = best.own_probability + sum(share for labels, share in shares.items() if labels in claimed)
-    competing = [made(best.labels, diagnosis.members, own_probability, vector)]
+    competing = [made(best.labels, diagnosis.members, own_probability)]
     listed = [(labels, max(shares[labels], LEAST_PROBABILITY)) for labels in best.separable]
     listed += best.less_probable
     listed += [(e.labels, e.class_probability) for e in screened.explanations if e is not best and not e.noise]
@@ -130,14 +124,8 @@ def competition(diagnosis: Diagnosis) -> Competition:
         if same is not None:
             competing[same] = replace(competing[same], probability=competing[same].probability + probability)
         elif len(competing) <= MOST_ALTERNATIVES:
-            # A time constant is not linear: it is fitted.
-            curved = any(cause.slot.shape for cause in causes)
-            competing.append(
-                made(labels, causes, probability, fit_with(screened.at, causes).vector if curved else vector)
-            )
-    return Competition(
-        diagnosis, tuple(competing), max(0.0, 1.0 - within - sum(one.probability for one in competing))
-    )
+            competing.append(made(labels, causes, probability))
+    return Competition(diagnosis, tuple(competing), max(0.0, 1.0 - within - sum(one.probability for one in competing)))
 
 
 def _identical_at_1_g(causes: Sequence[Cause], others: Sequence[Cause]) -> bool:

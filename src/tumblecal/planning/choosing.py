@@ -1,14 +1,13 @@
 """Proposals chosen by their value: the best single ones, and a set with a large joint value."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.posterior import Value
-from tumblecal.planning.proposals import Proposal
+from tumblecal.planning.proposals import NextPosition
 
 
 MOST_IN_SET = 12
@@ -16,49 +15,41 @@ MOST_IN_SET = 12
 _EFFORT = 2.0
 
 
-@dataclass(frozen=True)
-class Choosing:
-    """Proposals to choose from: `listed`, with their `rows`."""
+def best_of(
+    listed: Sequence[NextPosition], cells: Sequence[np.ndarray], value: Value, most: int, least: float
+) -> list[NextPosition]:
+    """The best single proposals with their values: at most `most`, each with a value above `least`; `cells`: of each."""
+    values = np.where([one.needs_others for one in listed], 0.0, value.of(cells))
+    order = np.argsort(-values, kind="stable")[:most].tolist()
+    return [replace(listed[k], value=float(values[k])) for k in order if values[k] > least]
 
-    listed: list[Proposal]
-    rows: Rows
 
-    @cached_property
-    def _alone(self) -> Bool[np.ndarray, " listed"]:
-        """Which proposals can be analysed alone: positions of a new mounting must determine its angles."""
-        pairs = zip(self.listed, self.rows.cells, strict=True)
-        return np.array([not one.side or self.rows.determine_group_parameters(cells) for one, cells in pairs], bool)
+def greedy(
+    listed: Sequence[NextPosition],
+    cells: Sequence[np.ndarray],
+    value: Value,
+    least: Float[np.ndarray, " listed"],
+    settings: Collection[float],
+) -> list[NextPosition]:
+    """A set chosen one by one, each the best per position given those before it, with the value that each adds.
 
-    def best(self, value: Value, most: int, least: float) -> list[tuple[Proposal, float]]:
-        """The best single proposals with their values: at most `most`, each with a value above `least`."""
-        values = np.where(self._alone, value.of(self.rows.cells), 0.0)
-        order = np.argsort(-values, kind="stable")[:most].tolist()
-        return [(self.listed[k], float(values[k])) for k in order if values[k] > least]
+    **Arguments:**
 
-    def greedy(self, value: Value, least: Float[np.ndarray, " listed"]) -> list[tuple[Proposal, float]]:
-        """A set chosen one by one, each the best per position given those before it, with the value that each adds.
-
-        **Arguments:**
-
-        - `least`: the value of each proposal below which it is not added.
-        """
-        chosen: list[tuple[Proposal, float]] = []
-        cost = np.array([one.cost for one in self.listed])
-        new = [bool(self.rows.of_new_groups(cells).size) for cells in self.rows.cells]
-        spent, sides = set[tuple[str, float, float]](), set[str]()
-        while value.lacking > 0.0:
-            # The same position is not proposed twice: a turn of four is part of that of eight.
-            usable = [
-                (alone or one.side in sides) and one.cost <= MOST_IN_SET - len(spent) and not spent & one.places
-                for one, alone in zip(self.listed, self._alone, strict=True)
-            ]
-            values = value.of(self.rows.cells)
-            usable &= values >= least
-            if not np.any(usable):
-                break
-            worth = np.minimum(values, value.lacking) / cost / np.where(new, _EFFORT, 1.0)
-            best = int(np.argmax(np.where(usable, worth, 0.0)))
-            chosen.append((self.listed[best], value.take(self.rows.cells[best])))
-            spent |= self.listed[best].places
-            sides.add(self.listed[best].side)
-        return chosen
+    - `least`: the value of each proposal below which it is not added. `settings`: measured pitch settings, deg.
+    """
+    chosen, spent = list[NextPosition](), set[tuple[str, float, float]]()
+    places = [{(one.mount, one.beta_deg, alpha) for alpha in one.angles_deg} for one in listed]
+    effort = [_EFFORT if one.mount or one.beta_deg not in settings else 1.0 for one in listed]
+    while value.lacking > 0.0:
+        values = value.of(cells)
+        # The same position is not proposed twice: a turn of four is part of that of eight.
+        fits = [len(own) <= MOST_IN_SET - len(spent) and not spent & own for own in places]
+        mounts = {mount for mount, _, _ in spent}
+        usable = fits & (values >= least) & [not one.needs_others or one.mount in mounts for one in listed]
+        if not np.any(usable):
+            break
+        worth = np.minimum(values, value.lacking) / [len(own) for own in places] / effort
+        best = int(np.argmax(np.where(usable, worth, 0.0)))
+        chosen.append(replace(listed[best], value=value.take(cells[best])))
+        spent |= places[best]
+    return chosen

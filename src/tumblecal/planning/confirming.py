@@ -1,6 +1,6 @@
 """A measurement that tests the named cause: where it and the strongest alternative predict different readings."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from tumblecal.ground.axes import AXES
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.posterior import Posterior
-from tumblecal.planning.proposals import Proposal
+from tumblecal.planning.proposals import NextPosition
 
 
 # Largest number of readings, smallest distance (deg) at one pitch setting, and smallest separation in standard deviations.
@@ -44,14 +44,19 @@ class Confirmation:
 
 
 def confirmations(
-    listed: Sequence[Proposal], rows: Rows, known: Posterior, other: Posterior, rival: tuple[str, ...]
+    listed: Sequence[NextPosition],
+    rows: Rows,
+    settings: Collection[float],
+    known: Posterior,
+    other: Posterior,
+    rival: tuple[str, ...],
 ) -> tuple[Confirmation, ...]:
     """The readings that best separate a cause from its alternative, the largest separation first.
 
     **Arguments:**
 
-    - `listed`: the proposals, with their `rows`. Only single positions in the present mounting at measured pitch settings are
-      used, as the fit predicts these.
+    - `listed`: the proposals, with their `rows`. Only single positions in the present mounting at measured pitch `settings`
+      (deg) are used, as the fit predicts these.
     - `known`, `other`: the named causes and the strongest alternative (`rival`), each fitted to the data.
     """
     every, candidates = np.arange(len(rows.new))[:, None], list[Confirmation]()
@@ -61,10 +66,10 @@ def confirmations(
     )
     axes = np.argmax(np.abs(mean - other_mean) / other_sd, axis=1).tolist()
     for proposal, (cell, *_) in zip(listed, rows.cells, strict=True):
-        if proposal.side or rows.of_new_groups(np.array([cell])).size:
+        if proposal.mount or proposal.beta_deg not in settings:
             continue
         each = [float(own[cell, axes[cell]]) for own in (mean, other_mean, other_sd, sd)]
-        candidates.append(Confirmation(proposal.alpha_deg[0], proposal.beta_deg, AXES[axes[cell]], *each, rival))
+        candidates.append(Confirmation(proposal.alpha_deg, proposal.beta_deg, AXES[axes[cell]], *each, rival))
     chosen: list[Confirmation] = []
     for reading in sorted(candidates, key=lambda reading: -reading.sd_apart):
         near = any(

@@ -4,77 +4,59 @@ A parameter of a new group (dbeta of a new pitch setting) has additional columns
 position is evaluated with.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from tumblecal.chain import Parameter, settings
+from tumblecal.chain import Parameter, Where, settings
 from tumblecal.chain.where import VISITS
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.frames import rotation_matrix
-from tumblecal.planning.proposals import Proposal
+from tumblecal.planning.proposals import NextPosition
 
 
-# Pitch angles closer than this (rad) are one setting.
-_SAME_ANGLE = 1e-6
+# Pitch angles closer than this are one setting.
+_SAME_ANGLE_DEG = 1e-4
 # The index of a parameter with a value for each mounting, if the data have one mounting.
 _BY_MOUNTING = {None: "mount", "pitch": "mount.pitch", "run.pitch": "run.mount.pitch"}
 
 
-class NewGroups(NamedTuple):
-    """The groups of new positions.
-
-    - `numbers`: for each index column the group of every new position, `known`: whether it is a group of the data.
-    - `like`: the position of the last run and mounting with the nearest pitch setting.
-    """
-
-    numbers: dict[str, Int[np.ndarray, " spots"]]
-    known: dict[str, Bool[np.ndarray, " spots"]]
-    like: Int[np.ndarray, " spots"]
-
-
-def new_groups(problem: Problem, spots: Sequence[Proposal]) -> NewGroups:
-    """The groups of new positions of the last run and clock, in the last or a new mounting."""
+def joined_settings(problem: Problem, spots: Sequence[NextPosition]) -> tuple[Where, Int[np.ndarray, " spots"]]:
+    """The settings of the data followed by new positions of the last run and clock, in the last or a new mounting; and for each
+    new position the one of the last run and mounting with the nearest pitch setting. Groups are numbered as they first appear:
+    those of the data come first."""
     data, where, more = problem.measured_data, problem.where, len(spots)
-    pitch, place, count = np.asarray(where.index("pitch")), np.asarray(where.index("run.mount")), len(data)
-    new_beta = np.radians([spot.beta_deg for spot in spots]).round(9)
-    distance = np.abs(where.pitch_angle - new_beta[:, None])
-    another = pitch.max() + 1 + np.unique(new_beta, return_inverse=True)[1]
-    new_pitch = np.where(distance.min(axis=1) < _SAME_ANGLE, pitch[np.argmin(distance, axis=1)], another)
-    run, mount, clock = (given or ("1",) * count for given in (data.run, data.mount, data.clock))
-    # Groups are numbered as they first appear: those of the data come first.
+    pitch, place = np.asarray(where.index("pitch")), np.asarray(where.index("run.mount"))
+    beta = np.array([spot.beta_deg for spot in spots])
+    distance = np.abs(np.degrees(where.pitch_angle) - beta[:, None])
+    another = pitch.max() + 1 + np.unique(beta, return_inverse=True)[1]
+    new_pitch = np.where(distance.min(axis=1) < _SAME_ANGLE_DEG, pitch[np.argmin(distance, axis=1)], another)
+    run, mount, clock = (given or ("1",) * len(data) for given in (data.run, data.mount, data.clock))
     joined = settings(
-        np.zeros(count + more),
-        np.zeros(count + more),
+        np.zeros(len(data) + more),
+        np.zeros(len(data) + more),
         pitch=np.append(pitch, new_pitch),
         run=(*run, *(run[-1:] * more)),
-        mount=(*mount, *(spot.side or mount[-1] for spot in spots)),
+        mount=(*mount, *(spot.mount or mount[-1] for spot in spots)),
         clock=(*clock, *(clock[-1:] * more)),
     )
-    numbers, known = dict[str, np.ndarray](), dict[str, np.ndarray]()
-    for by, group in where.groups.items():
-        # Positions that set the same setting again have one new visit.
-        numbers[by] = np.asarray(joined.index(VISITS.get(by, (by,))[0]))[count:]
-        known[by] = (numbers[by] <= np.max(np.asarray(group))) & (by not in VISITS)
     last = np.flatnonzero(place == place[-1])
-    return NewGroups(numbers, known, last[np.argmin(distance[:, last], axis=1)])
+    return joined, last[np.argmin(distance[:, last], axis=1)]
 
 
-def leaves_of(model: FullModel) -> list[tuple[Parameter, Int[np.ndarray, "groups components"]]]:
+def leaves_of(model: FullModel) -> Iterator[tuple[Parameter, Int[np.ndarray, "groups components"]]]:
     """The free leaves of the nominal chain with their columns."""
-    leaves, offset = [], 0
+    offset = 0
     for leaf in model.nominal_chain.free:
-        leaves.append((leaf, offset + np.arange(leaf.value.size).reshape(leaf.value.shape)))
+        yield leaf, offset + np.arange(leaf.value.size).reshape(leaf.value.shape)
         offset += leaf.value.size
-    return leaves
 
 
 def group_columns(
-    diagnosis: Diagnosis, spots: Sequence[Proposal], groups: NewGroups, jacobian: Float[np.ndarray, "spots 3 full"]
+    diagnosis: Diagnosis, spots: Sequence[NextPosition], joined: Where, jacobian: Float[np.ndarray, "spots 3 full"]
 ) -> tuple[Float[np.ndarray, "spots 3 own"], Float[np.ndarray, " own"]]:
     """Columns of the parameters of new groups, removed from the columns that they were evaluated with.
 
@@ -89,20 +71,23 @@ def group_columns(
         # The pitch settings of a new mounting are new by default; a rig file states the index of dbeta.
         if leaf.name == "dtheta" or (leaf.name == "dbeta" and not diagnosis.from_rig):
             by = _BY_MOUNTING.get(by, by)
-        if by is None or np.all(groups.known[by]):
+        if by is None:
             continue
+        # Positions that set the same setting again have one new visit.
+        old, number = np.split(np.asarray(joined.index(VISITS.get(by, (by,))[0])), [-len(spots)])
+        new = np.flatnonzero((number > old.max()) | (by in VISITS))
         for k, spot in enumerate(spots):
-            if leaf.name == "dtheta" and spot.side:
+            if leaf.name == "dtheta" and spot.mount:
                 # The angles of the mounting are singular: at 90 degrees about y two of them turn about the same axis. The
                 # response to its small rotations is that to rotations of the head before the spindle.
-                spindle = rotation_matrix(np.radians([spot.alpha_deg[0], 0.0, 0.0]))
+                spindle = rotation_matrix(np.radians([spot.alpha_deg, 0.0, 0.0]))
                 values[k] = jacobian[k][:, model.probe] @ spindle.T
-        new = np.flatnonzero(~groups.known[by])
-        own = np.unique(groups.numbers[by][new], return_inverse=True)[1]
-        block = np.zeros((len(spots), 3, own.max() + 1, columns.shape[1]))
+        groups, own = np.unique(number[new], return_inverse=True)
+        block = np.zeros((len(spots), 3, len(groups), columns.shape[1]))
         block[new, :, own] = values[new]
         added.append(block.reshape(len(spots), 3, -1))
-        same = np.where(np.ptp(information[columns], axis=0) <= 1e-6 * information[columns[0]], information[columns[0]], 0)
-        prior += np.tile(same, own.max() + 1).tolist()
+        given = information[columns]
+        same = np.where(np.ptp(given, axis=0) <= 1e-6 * given[0], given[0], 0.0)
+        prior += np.tile(same, len(groups)).tolist()
         jacobian[np.ix_(new, range(3), columns.ravel())] = 0.0
     return np.concatenate(added, axis=2), np.array(prior)

@@ -5,12 +5,10 @@ New positions are evaluated in blocks of the shape of the data, so nothing is co
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from tumblecal.chain import Link
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.model.full_model import FullModel
@@ -19,13 +17,11 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.quarter_turns import turn_of
 from tumblecal.ground.frames import rotation_angles, rotation_matrix
 from tumblecal.planning.conditions import Conditions
-from tumblecal.planning.new_groups import NewGroups, group_columns, leaves_of, new_groups
+from tumblecal.planning.new_groups import group_columns, joined_settings, leaves_of
 from tumblecal.planning.posterior import Posterior
-from tumblecal.planning.proposals import SIDES, Proposal
+from tumblecal.planning.proposals import SIDES, NextPosition
 
 
-# New positions determine a parameter of a new group if its singular value exceeds this share of the largest.
-_SEEN = 0.02
 # Coefficients of effects are within so many of their scales, time constants within one of their value: a coefficient that the
 # data do not determine predicts nothing larger. (benchmarks/blind next)
 _USUAL = 10.0
@@ -51,17 +47,6 @@ class Rows:
     prior: Float[np.ndarray, " columns"]
     own: int
     weight: Float[np.ndarray, " 3"]
-
-    def of_new_groups(self, cells: np.ndarray) -> Float[np.ndarray, "rows own"]:
-        """The columns of new groups that some new positions have."""
-        rows = np.concatenate(self.new[cells])[:, len(self.prior) - self.own :]
-        return rows[:, np.any(rows != 0, axis=0)]
-
-    def determine_group_parameters(self, cells: np.ndarray) -> bool:
-        """Whether these new positions determine every parameter of new groups that they depend on. With the spindle upright
-        (beta 90) the positions of one mounting do not determine its angles."""
-        rows = self.of_new_groups(cells)
-        return np.linalg.matrix_rank(rows, tol=_SEEN * np.max(np.abs(rows), initial=0.0)) == rows.shape[1]
 
     def under(self, causes: Sequence[Cause], names: Sequence[str]) -> "Rows":
         """Rows under an explanation with these causes. Outlier, exchanged or mislabelled positions do not count; a permanent
@@ -89,39 +74,34 @@ class Rows:
         return Posterior(information, old.T @ self.shown, self.new[:, :, chosen], self.expected)
 
 
-def rows_of(
-    diagnosis: Diagnosis, listed: Sequence[Proposal], vector: Float[np.ndarray, " full"], conditions: Conditions
-) -> Rows:
-    """Rows of the data and of all proposals.
+def rows_of(diagnosis: Diagnosis, listed: Sequence[NextPosition], conditions: Conditions) -> Rows:
+    """Rows of the data and of all proposals, linearised at the leading explanation.
 
     **Arguments:**
 
     - `diagnosis`: of the present data.
     - `listed`: the proposals. New positions belong to the last run and mounting, or to a new mounting.
-    - `vector`: the full vector that the rows are linearised at.
     - `conditions`: under which they are measured, one after another.
     """
-    problem, model, layout = diagnosis.problem, diagnosis.model, diagnosis.model.layout
+    problem, model, vector = diagnosis.problem, diagnosis.model, diagnosis.extended.vector
+    amplitudes, shapes = model.layout.amplitudes, model.layout.shapes
     for cause in diagnosis.members:
         problem = cause.undone(problem)
     at = tangent(model, problem, vector)
     old, shown = at.jacobian / diagnosis.level, at.residual / diagnosis.level
     left_out = np.flatnonzero(np.repeat(~problem.takes_part, 3))
     old[left_out], shown[left_out] = 0.0, 0.0
-    spots = [replace(proposal, alpha_deg=(alpha,)) for proposal in listed for alpha in proposal.alpha_deg]
-    groups = new_groups(problem, spots)
-    jacobian, predicted = _evaluated(problem, model, spots, groups, vector, conditions)
+    spots = [spot for proposal in listed for spot in proposal.each]
+    joined, like = joined_settings(problem, spots)
+    jacobian, predicted = _evaluated(problem, model, spots, like, vector, conditions)
     # The noise of a new reading is the median of the measured ones of its axis.
     weight, prior = np.median(1.0 / problem.sd, axis=0) / diagnosis.level, np.zeros(len(vector))
-    prior[layout.amplitudes] = _USUAL**-2
-    prior[layout.shapes] = (model.scales[layout.shapes] / vector[layout.shapes]) ** 2
-    sizes = vector[layout.amplitudes] / model.scales[layout.amplitudes]
-    expected = (predicted - jacobian[:, :, layout.amplitudes] @ sizes) * weight
-    # At a new pitch setting an effect has none of the values that it has at others.
-    at_settings = [column for slot in model.slots if any(map(acts_at_settings, slot.links)) for column in slot.columns]
-    jacobian[np.ix_(~groups.known["pitch"], [True] * 3, np.isin(np.arange(len(vector)), at_settings))] = 0.0
-    of_groups, group_prior = group_columns(diagnosis, spots, groups, jacobian)
-    own, ends = len(group_prior), np.cumsum([proposal.cost for proposal in listed])
+    prior[amplitudes] = _USUAL**-2
+    prior[shapes] = (model.scales[shapes] / vector[shapes]) ** 2
+    sizes = vector[amplitudes] / model.scales[amplitudes]
+    expected = (predicted - jacobian[:, :, amplitudes] @ sizes) * weight
+    of_groups, group_prior = group_columns(diagnosis, spots, joined, jacobian)
+    own, ends = len(group_prior), np.cumsum([len(proposal.angles_deg) for proposal in listed])
     return Rows(
         np.pad(old, ((0, 0), (0, own))),
         shown,
@@ -134,48 +114,35 @@ def rows_of(
     )
 
 
-def acts_at_settings(link: Link) -> bool:
-    """Whether a link acts at one pitch setting, or has a value for each."""
-    return hasattr(link, "setting") or getattr(link, "by", "") == "pitch"
-
-
 def _evaluated(
     problem: Problem,
     model: FullModel,
-    spots: Sequence[Proposal],
-    groups: NewGroups,
+    spots: Sequence[NextPosition],
+    like: Int[np.ndarray, " spots"],
     vector: Float[np.ndarray, " full"],
     conditions: Conditions,
 ) -> tuple[Float[np.ndarray, "spots 3 full"], Float[np.ndarray, "spots 3"]]:
-    """Jacobian and prediction at new positions, in blocks in place of rows of the data. The first row of each clock remains, as
-    drifts count from it."""
+    """Jacobian and prediction at new positions in the groups of others (`like`), in blocks in place of rows of the data. The
+    first row of each clock remains, as drifts count from it."""
     where, count = problem.where, len(spots)
     jacobian, predicted = np.zeros((count, 3, len(vector))), np.zeros((count, 3))
     free = np.delete(np.arange(len(problem.readings)), where.clock_starts)
-    alpha, beta = np.radians([(spot.alpha_deg[0], spot.beta_deg) for spot in spots]).T
-    new = {
-        "alpha": alpha,
-        "beta": beta,
-        "time_s": (conditions.time_s or 0.0) + conditions.step_s * np.arange(count),
-        "temperature_degc": np.full(count, conditions.temperature_degc, float),
-        "approach": np.ones(count),
-    }
-    new |= {
-        by: np.where(groups.known[by], groups.numbers[by], np.asarray(index)[groups.like])
-        for by, index in where.groups.items()
-    }
-    sides = np.array([spot.side for spot in spots])
+    alpha, beta = np.radians([(spot.alpha_deg, spot.beta_deg) for spot in spots]).T
+    time = (conditions.time_s or 0.0) + conditions.step_s * np.arange(count)
+    degc = np.full(count, conditions.temperature_degc, float)
+    sides = np.array([spot.mount for spot in spots])
     for side in dict.fromkeys(sides.tolist()):
         chosen, turned = np.flatnonzero(sides == side), _turned(problem, model, vector, side)
         for block in np.split(chosen, range(len(free), len(chosen), len(free))):
-            rows, columns = free[: len(block)], dict[str, Any]()
-            for name, values in new.items():
-                old = where.groups[name] if name in where.groups else getattr(where, name)
-                if old is not None:
-                    columns[name] = np.array(old)
+            rows, source = free[: len(block)], np.arange(len(problem.readings))
+            source[rows] = like[block]
+            here, columns = where.at_rows(source), dict[str, np.ndarray]()
+            own = {"alpha": alpha, "beta": beta, "time_s": time, "temperature_degc": degc, "approach": np.ones(count)}
+            for name, values in own.items():
+                if (column := getattr(where, name)) is not None:
+                    columns[name] = np.array(column)
                     columns[name][rows] = values[block]
-            index = {by: columns.pop(by) for by in where.groups}
-            evaluation = model.evaluate(replace(where, groups=index, **columns), turned)
+            evaluation = model.evaluate(replace(here, **columns), turned)
             jacobian[block], predicted[block] = evaluation.jacobian[rows], evaluation.predicted[rows]
     return jacobian, predicted
 

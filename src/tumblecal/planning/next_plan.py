@@ -4,7 +4,6 @@ Candidates are single positions of a grid in the present mounting, and turns of 
 turn in its fixture). A new mounting has new unknown angles.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,13 +15,13 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.planning.alternatives import competition
-from tumblecal.planning.choosing import MOST_IN_SET, Choosing
+from tumblecal.planning.choosing import MOST_IN_SET, best_of, greedy
 from tumblecal.planning.conditions import Conditions, continued, temperature_notes
 from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_groups import leaves_of
 from tumblecal.planning.posterior import Value, sharpenings
 from tumblecal.planning.promise import Promise
-from tumblecal.planning.proposals import SIDES, Allowed, Proposal, proposals, reversed_run
+from tumblecal.planning.proposals import SIDES, Allowed, NextPosition, proposals, reversed_run
 from tumblecal.planning.sampling import REVERSED, SAMPLE, samples
 from tumblecal.planning.separating import LEAST_STEP, separate, separation
 
@@ -43,25 +42,6 @@ _AT_SETTINGS = (
 )
 _SIDES_BY_HAND = "The +x face is up when x reads +1 g, and the -x face is then down; y and z accordingly."
 SHARPEN = "reduce the largest standard uncertainty"
-
-
-@dataclass(frozen=True)
-class NextPosition:
-    """A proposal, its angles in degrees.
-
-    `mount`: "" for the present mounting, otherwise the turn of the triad; `alpha_deg` is then the first of a turn, `turn_deg`
-    all of it. `purpose` in words; `value`: the expected log Bayes factor that it adds, the share by which it reduces the
-    largest uncertainty, or the unexplained error there in standard deviations of the noise. `direction`: for a hand-held set
-    the orientation in words; the angles are equivalent.
-    """
-
-    alpha_deg: float
-    beta_deg: float
-    mount: str
-    purpose: str
-    value: float
-    turn_deg: tuple[float, ...] = ()
-    direction: str = ""
 
 
 @dataclass(frozen=True)
@@ -99,7 +79,7 @@ class NextPlan:
     @property
     def positions(self) -> int:
         """Number of positions of the set."""
-        return sum(len(position.turn_deg) or 1 for position in self.together)
+        return sum(len(position.angles_deg) for position in self.together)
 
     @property
     def settings(self) -> dict[tuple[str, float], list[float]]:
@@ -107,8 +87,7 @@ class NextPlan:
         settings: dict[tuple[str, float], list[float]] = {}
         for position in sorted(self.together, key=lambda position: position.mount):
             if not position.direction:
-                angles = position.turn_deg or (position.alpha_deg,)
-                settings.setdefault((position.mount, position.beta_deg), []).extend(angles)
+                settings.setdefault((position.mount, position.beta_deg), []).extend(position.angles_deg)
         return settings
 
 
@@ -148,54 +127,47 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
 
 
 def _proposed(
-    diagnosis: Diagnosis, plan: NextPlan, allowed: Allowed, listed: list[Proposal], notes: list[str]
+    diagnosis: Diagnosis, plan: NextPlan, allowed: Allowed, listed: list[NextPosition], notes: list[str]
 ) -> NextPlan:
     """The plan that separates explanations if that is worth measuring, otherwise the one that improves the worst parameter."""
     competing, data, model = competition(diagnosis), diagnosis.data, diagnosis.model
-    if not all(hasattr(link, "setting") for link in competing.at_settings):
-        # A value for each pitch setting predicts nothing at another one.
-        listed = [one for one in listed if np.any(np.isclose(data.pitch_setting_deg, one.beta_deg))] or listed
+    settings = {*data.pitch_setting_deg.tolist()}
+    if competing.at_settings:
+        listed = [one for one in listed if one.beta_deg in settings] or listed
     notes += [_AT_SETTINGS] if competing.at_settings and competing.alternatives else []
     predicted = competing.at(listed, continued(data)._replace(step_s=0.0))
     separated = separate(competing, predicted, listed, reversed_run(data, allowed))
     worth = separated if separated is not None and separated.promise.worth_measuring else None
     predicted = predicted if worth is None else worth.predicted
     counted = np.ones(len(competing.alternatives), bool) if worth is None else worth.counted
-    choosing, leader = Choosing(listed, predicted.rows), predicted.posteriors[0]
+    (rows, (leader, *others)), own = predicted, [k for cause in diagnosis.members for k in cause.slot.all_columns]
     plan = replace(plan, promise=None if separated is None else separated.promise)
-    own = [column for cause in diagnosis.members for column in cause.slot.all_columns]
     if own:
-        others = [*zip(predicted.posteriors[1:], competing.alternatives, strict=True), ]
-        rivals = [rival for rival, counts in zip(others, counted, strict=True) if counts]
-        rivals.append((predicted.rows.posterior(range(model.nominal)), ()))
-        plan = replace(plan, confirming=confirmations(listed, predicted.rows, leader, *rivals[0]))
+        rivals = [*zip(others, competing.alternatives, strict=True)]
+        rivals = [rival for rival, counts in zip(rivals, counted, strict=True) if counts]
+        rivals.append((rows.posterior(range(model.nominal)), ()))
+        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *rivals[0]))
     if worth is not None:
-        singles = choosing.best(separation(competing, predicted, counted), MOST, LEAST_STEP)
-        together, value = worth.ordered, sum(gain for _, gain in worth.ordered)
+        singles = best_of(listed, rows.cells, separation(competing, predicted, counted), MOST, LEAST_STEP)
+        together, value = worth.ordered, sum(one.value for one in worth.ordered)
         plan = replace(plan, purpose=SEPARATE, conditions=worth.conditions, in_reverse=worth.in_reverse, value=value)
     else:
         watched = _watched(diagnosis)
         sharpening = Value([leader], sharpenings(watched), np.zeros(1), np.inf)
         worst = model.names[watched[int(np.argmax(np.diag(leader.covariance)[watched]))]]
-        singles = _shares(choosing.best(sharpening, MOST, LEAST_VALUE))
-        least = np.minimum(_LEAST_GAIN * np.array([one.cost for one in listed]), _LEAST_TURN)
-        together = _shares(choosing.greedy(sharpening, -np.log1p(-least)))
-        plan = replace(plan, purpose=SHARPEN, watched=worst, value=-float(np.expm1(-sharpening.total)))
-    if plan.from_rig and any(one.side for one, _ in together):
-        notes.append(_NEW_MOUNT)
-    best, chosen = (
-        tuple(
-            NextPosition(one.alpha_deg[0], one.beta_deg, one.side, plan.purpose, value, one.alpha_deg if one.side else ())
-            for one, value in own
+        least = -np.log1p(-np.minimum([_LEAST_GAIN * len(one.angles_deg) for one in listed], _LEAST_TURN))
+        # The share by which an uncertainty is reduced, from the decrease of its logarithm.
+        singles, together = (
+            [replace(one, value=-float(np.expm1(-one.value))) for one in chosen]
+            for chosen in (
+                best_of(listed, rows.cells, sharpening, MOST, LEAST_VALUE),
+                greedy(listed, rows.cells, sharpening, least, settings),
+            )
         )
-        for own in (singles, together)
-    )
+        plan = replace(plan, purpose=SHARPEN, watched=worst, value=-float(np.expm1(-sharpening.total)))
+    notes += [_NEW_MOUNT] if plan.from_rig and any(one.mount for one in together) else []
+    best, chosen = (tuple([replace(one, purpose=plan.purpose) for one in each]) for each in (singles, together))
     return replace(plan, singles=best, together=chosen, notes=tuple(notes))
-
-
-def _shares(chosen: Iterable[tuple[Proposal, float]]) -> list[tuple[Proposal, float]]:
-    """Proposals with the share by which each reduces an uncertainty, from the decrease of its logarithm."""
-    return [(one, -float(np.expm1(-gain))) for one, gain in chosen]
 
 
 def _by_hand(diagnosis: Diagnosis) -> NextPlan:

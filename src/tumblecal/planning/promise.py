@@ -61,7 +61,10 @@ def promise_of(posteriors: Sequence[Posterior], competition: Competition) -> Pro
     drawn = mean[:, None] + rng.normal(size=(_DRAWS, mean.shape[1])) @ roots.transpose(0, 2, 1)
     # Log posteriors by the true explanation, the draw, and the explanation that is judged.
     log_odds = np.append(0.0, competition.log_odds)
-    rests = [np.sum(((drawn - own) @ inverse.T) ** 2, axis=2) for own, inverse in zip(mean, np.linalg.inv(roots), strict=True)]
+    rests = [
+        np.sum(((drawn - own) @ inverse.T) ** 2, axis=2)
+        for own, inverse in zip(mean, np.linalg.inv(roots), strict=True)
+    ]
     scores = log_odds - np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1) - 0.5 * np.stack(rests, axis=2)
     # Alternatives that are separated from the leading explanation in most draws; the others are one group with it.
     excluded = np.mean(scores[0, :, :1] - scores[0] > LEAST_ODDS, axis=0) >= _MOSTLY
@@ -76,7 +79,10 @@ def promise_of(posteriors: Sequence[Posterior], competition: Competition) -> Pro
     sure = (of_group - np.max(others, axis=2) > LEAST_ODDS) & (odds > least) & np.any(excluded)
     weights = np.exp(log_odds - np.logaddexp.reduce(log_odds))
     median = np.quantile(odds, 0.5, weights=np.repeat(weights[:, None], _DRAWS, axis=1), method="inverted_cdf")
-    given_listed, decided = float(weights @ sure.mean(axis=1)), [*zip(competition.alternatives, excluded[1:], strict=True)]
+    given_listed, decided = (
+        float(weights @ sure.mean(axis=1)),
+        [*zip(competition.alternatives, excluded[1:], strict=True)],
+    )
     return Promise(
         given_listed * (1.0 - competition.unlisted) * _FORESEEN,
         given_listed,

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Bool
 
 from tumblecal.planning.alternatives import Competition, Predicted
-from tumblecal.planning.choosing import Choosing
+from tumblecal.planning.choosing import greedy
 from tumblecal.planning.conditions import Conditions, candidates, continued
 from tumblecal.planning.posterior import Value, separations
 from tumblecal.planning.promise import PROMISED, Promise, promise_of
-from tumblecal.planning.proposals import Proposal, by_pitch
+from tumblecal.planning.proposals import NextPosition, by_pitch
 
 
 # A proposal that adds less than this to the log Bayes factor is omitted.
@@ -24,14 +24,14 @@ class Separated:
     """Positions that separate explanations.
 
     - `conditions`: under which they are measured. `predicted`: all proposals under them.
-    - `ordered`: the positions, one after another, and the expected log Bayes factor that each adds. `in_reverse`: whether they
-      are the last run in the reverse order.
+    - `ordered`: the positions, one after another, each with the expected log Bayes factor that it adds. `in_reverse`: whether
+      they are the last run in the reverse order.
     - `promise`: what they settle. `counted`: the alternatives that they exclude, all if none.
     """
 
     conditions: Conditions
     predicted: Predicted
-    ordered: list[tuple[Proposal, float]]
+    ordered: list[NextPosition]
     promise: Promise
     counted: Bool[np.ndarray, " alternatives"]
     in_reverse: bool = False
@@ -45,7 +45,7 @@ def separation(competition: Competition, predicted: Predicted, counted: Bool[np.
 
 
 def separate(
-    competition: Competition, first: Predicted, listed: list[Proposal], again: list[Proposal]
+    competition: Competition, first: Predicted, listed: list[NextPosition], again: list[NextPosition]
 ) -> Separated | None:
     """The positions that separate the explanations under the conditions of least effort; None if only one competes.
 
@@ -76,7 +76,7 @@ def _better(promise: Promise, than: Promise) -> bool:
     return rank > before or (rank == before and promise.given_listed > than.given_listed + 0.05)
 
 
-def _chosen(competition: Competition, listed: list[Proposal], predicted: Predicted) -> list[Proposal]:
+def _chosen(competition: Competition, listed: list[NextPosition], predicted: Predicted) -> list[NextPosition]:
     """The proposals that separate the explanations, in the order in which they are measured, a position each."""
     every = np.concatenate(predicted.rows.cells)[None]
     (expected, _), *others = (known.predicted(every) for known in predicted.posteriors)
@@ -84,13 +84,13 @@ def _chosen(competition: Competition, listed: list[Proposal], predicted: Predict
     # Alternatives that even all proposals together would not separate from the leader do not count.
     separable = np.array([0.5 * rest @ np.linalg.solve(spread, rest) >= 1.0 for rest, spread in rests])
     value, least = separation(competition, predicted, separable), np.full(len(listed), LEAST_STEP)
-    chosen = Choosing(listed, predicted.rows).greedy(value, least) if np.any(separable) else []
-    groups = by_pitch([proposal for proposal, _ in chosen])
-    return [Proposal((alpha,), group.beta_deg, group.side) for group in groups for alpha in group.alpha_deg]
+    settings = competition.diagnosis.data.pitch_setting_deg
+    chosen = greedy(listed, predicted.rows.cells, value, least, settings) if np.any(separable) else []
+    return [spot for proposal in by_pitch(chosen) for spot in proposal.each]
 
 
 def _measured(
-    competition: Competition, ordered: list[Proposal], conditions: Conditions, predicted: Predicted
+    competition: Competition, ordered: list[NextPosition], conditions: Conditions, predicted: Predicted
 ) -> Separated:
     """Positions that are measured one after another: the value that each adds, and what they settle together."""
     if not ordered:
@@ -101,5 +101,7 @@ def _measured(
     excluded = promise.excluded or competition.alternatives
     counted = np.array([labels in excluded for labels in competition.alternatives])
     value = separation(competition, in_order, counted)
-    gains = [value.take(cells) for cells in in_order.rows.cells]
-    return Separated(conditions, predicted, [*zip(ordered, gains, strict=True)], promise, counted)
+    pairs = zip(ordered, in_order.rows.cells, strict=True)
+    return Separated(
+        conditions, predicted, [replace(one, value=value.take(cells)) for one, cells in pairs], promise, counted
+    )
