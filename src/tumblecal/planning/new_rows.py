@@ -5,7 +5,9 @@ New positions are evaluated in blocks of the shape of the data, so nothing is co
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -136,13 +138,12 @@ def _evaluated(
         for block in np.split(chosen, range(len(free), len(chosen), len(free))):
             rows, source = free[: len(block)], np.arange(len(problem.readings))
             source[rows] = like[block]
-            here, columns = where.at_rows(source), dict[str, np.ndarray]()
+            here = jax.tree.map(partial(np.take, indices=source), where)
             own = {"alpha": alpha, "beta": beta, "time_s": time, "temperature_degc": degc, "approach": np.ones(count)}
             for name, values in own.items():
-                if (column := getattr(where, name)) is not None:
-                    columns[name] = np.array(column)
-                    columns[name][rows] = values[block]
-            evaluation = model.evaluate(replace(here, **columns), turned)
+                if getattr(where, name) is not None:
+                    getattr(here, name)[rows] = values[block]
+            evaluation = model.evaluate(here, turned)
             jacobian[block], predicted[block] = evaluation.jacobian[rows], evaluation.predicted[rows]
     return jacobian, predicted
 
