@@ -68,8 +68,9 @@ def confirmations(
     for proposal, (cell, *_) in zip(listed, rows.cells, strict=True):
         if proposal.mount or proposal.beta_deg not in settings:
             continue
-        each = [float(own[cell, axes[cell]]) for own in (mean, other_mean, other_sd, sd)]
-        candidates.append(Confirmation(proposal.alpha_deg, proposal.beta_deg, AXES[axes[cell]], *each, rival))
+        place, axis = (proposal.alpha_deg, proposal.beta_deg, AXES[axes[cell]]), axes[cell]
+        expected, predicted, u, expected_u = (float(own[cell, axis]) for own in (mean, other_mean, other_sd, sd))
+        candidates.append(Confirmation(*place, expected, predicted, u, expected_u, rival))
     chosen: list[Confirmation] = []
     for reading in sorted(candidates, key=lambda reading: -reading.sd_apart):
         near = any(

@@ -89,5 +89,5 @@ def group_columns(
         given = information[columns]
         same = np.where(np.ptp(given, axis=0) <= 1e-6 * given[0], given[0], 0.0)
         prior += np.tile(same, len(groups)).tolist()
-        jacobian[np.ix_(new, range(3), columns.ravel())] = 0.0
+        jacobian[np.ix_(new, np.arange(3), columns.ravel())] = 0.0
     return np.concatenate(added, axis=2), np.array(prior)
