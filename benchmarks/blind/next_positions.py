@@ -31,7 +31,7 @@ from tumblecal.diagnosis import Diagnoser  # noqa: E402
 from tumblecal.ground.errors import InputError  # noqa: E402
 from tumblecal.planning import next_plan  # noqa: E402
 from tumblecal.planning.next_plan import SEPARATE  # noqa: E402
-from tumblecal.planning.proposals import SIDES, Proposal, by_pitch  # noqa: E402
+from tumblecal.planning.proposals import SIDES, by_pitch  # noqa: E402
 
 
 BINS = (0.0, 0.5, 0.8, 0.9, 1.01)
@@ -136,13 +136,12 @@ def data_of(setup: blind.Setup, readings: np.ndarray):
 
 def proposed(bench: Bench, plan) -> blind.Setup:
     """The setup with the positions of a plan, in its order and under its conditions."""
-    listed = [Proposal(own.turn_deg or (own.alpha_deg,), own.beta_deg, own.mount) for own in plan.together]
-    listed = listed if plan.in_reverse else by_pitch(listed)
+    listed = plan.together if plan.in_reverse else by_pitch(plan.together)
     last = 0 if bench.setup.mounting is None else int(bench.setup.mounting[-1])
     cells = [
-        (alpha, own.beta_deg, 2 + [*SIDES].index(own.side) if own.side else last)
+        (alpha, own.beta_deg, 2 + [*SIDES].index(own.mount) if own.mount else last)
         for own in listed
-        for alpha in own.alpha_deg
+        for alpha in own.angles_deg
     ]
     times = plan.conditions.time_s + plan.conditions.step_s * np.arange(len(cells))
     return bench.continued(cells, times, plan.conditions.temperature_degc + 0.05 * bench.rng.normal(size=len(cells)))

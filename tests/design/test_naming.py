@@ -7,7 +7,7 @@ import pytest
 
 import tumblecal
 from few_effects import few_entries
-from tumblecal.design.forecast.alias import ATTITUDES, InUse
+from tumblecal.design.forecast.alias import ATTITUDES, error_in_use
 from tumblecal.design.forecast.decisions import decisions
 from tumblecal.design.forecast.effects_of_plan import effects_of_plan
 from tumblecal.design.forecast.naming import forecast_of
@@ -94,7 +94,7 @@ def test_error_in_use_is_that_of_a_fit_without_the_effect(plan):
         error[:, axis] -= moved[f"bias_{name}"] + moved[f"dK_{name}"] * ATTITUDES[:, axis]
     error[:, 1] -= moved["gamma_21"] * ATTITUDES[:, 0]
     error[:, 2] -= moved["gamma_31"] * ATTITUDES[:, 0] + moved["gamma_32"] * ATTITUDES[:, 1]
-    assert InUse(plan).error(EFFECT) == pytest.approx(error.ravel(), abs=1e-9)
+    assert error_in_use(plan, EFFECT) == pytest.approx(error.ravel(), abs=1e-9)
 
 
 def test_effects_that_cannot_be_forecast(plan):

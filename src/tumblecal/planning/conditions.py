@@ -11,6 +11,8 @@ import numpy as np
 
 from tumblecal.chain.where import LEAST_RANGE_DEGC
 from tumblecal.data import PositionSet
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.effects.temperature import reached_from
 from tumblecal.ground.soaks import soaks
 
 
@@ -55,53 +57,49 @@ class Conditions(NamedTuple):
 
 def continued(data: PositionSet) -> Conditions:
     """The conditions of positions that are measured directly after the data: the temperature follows its last trend."""
-    run = (data.run or ("1",))[-1]
-    temperature = None if data.temperature_degc is None else np.asarray(data.temperature_degc, float)
-    if data.time_s is None:
-        last = None if temperature is None else float(temperature[-1])
-        return Conditions(None, None, 0.0, last, last, run)
-    time, clock = np.asarray(data.time_s, float), np.asarray(data.clock or ("1",) * len(data))
-    rows = np.flatnonzero(clock == clock[-1])
-    rows = rows[np.argsort(time[rows], kind="stable")]
-    step = float(np.median(np.diff(time[rows]))) if len(rows) > 1 else 0.0
-    if temperature is None:
-        return Conditions(step, float(time[rows[-1]]) + step, step, None, None, run)
-    last = float(temperature[rows[-1]])
-    late = rows[-max(3, round(_TREND_SHARE * len(rows))) :]
-    slope = float(np.polyfit(time[late], temperature[late], 1)[0]) if np.ptp(time[late]) else 0.0
-    return Conditions(step, float(time[rows[-1]]) + step, step, last + slope * step, last, run)
+    run, rows = (data.run or ("1",))[-1], np.arange(len(data))
+    after = time = None
+    step = slope = 0.0
+    if data.time_s is not None:
+        clock = np.asarray(data.clock or ("1",) * len(data))
+        rows = rows[clock == clock[-1]]
+        rows = rows[np.argsort(data.time_s[rows], kind="stable")]
+        after = step = float(np.median(np.diff(data.time_s[rows]))) if len(rows) > 1 else 0.0
+        time = float(data.time_s[rows[-1]]) + step
+        late = rows[-max(3, round(_TREND_SHARE * len(rows))) :]
+        if data.temperature_degc is not None and np.ptp(data.time_s[late]):
+            slope = float(np.polyfit(data.time_s[late], data.temperature_degc[late], 1)[0])
+    last = None if data.temperature_degc is None else float(data.temperature_degc[rows[-1]])
+    return Conditions(after, time, step, None if last is None else last + slope * step, last, run)
 
 
 def candidates(data: PositionSet, *, in_time: bool, with_temperature: bool) -> Iterator[Conditions]:
     """Conditions under which new positions may be measured, least effort first.
 
+    The temperatures are the end of the measured ones that is farther from the last one (without a range a warmer temperature),
+    and the middle of the largest step of soaks.
+
     **Arguments:**
 
     - `in_time`, `with_temperature`: whether an explanation depends on the time, and on the temperature.
     """
-    first = continued(data)
+    first, later, others = continued(data), list[Conditions](), list[float]()
     yield first
-    later = [first]
     if in_time and data.time_s is not None and first.time_s is not None and first.after_s is not None:
-        pauses = [share * float(np.ptp(data.time_s)) for share in _PAUSES]
-        later = [first._replace(after_s=pause, time_s=first.time_s - first.after_s + pause) for pause in pauses]
-    others = _temperatures(data, first.last_temperature_degc) if with_temperature else []
-    for conditions in later:
-        if conditions is not first:
-            yield conditions._replace(temperature_degc=first.last_temperature_degc)
+        for pause in np.multiply(_PAUSES, np.ptp(data.time_s)).tolist():
+            time = first.time_s - first.after_s + pause
+            later.append(first._replace(after_s=pause, time_s=time, temperature_degc=first.last_temperature_degc))
+    if with_temperature and data.temperature_degc is not None and first.last_temperature_degc is not None:
+        degc, last = data.temperature_degc, first.last_temperature_degc
+        far = float(max(degc.min(), degc.max(), key=lambda end: abs(end - last)))
+        others.append(far if abs(far - last) >= _LEAST_RANGE_DEGC else last + _WARMER_DEGC)
+        if (between := between_soaks(degc)) is not None and abs(between - last) >= _LEAST_RANGE_DEGC:
+            others.append(between)
+    for conditions in later or [first]:
+        if later:
+            yield conditions
         for degc in others:
             yield conditions._replace(temperature_degc=degc)
-
-
-def _temperatures(data: PositionSet, last_degc: float | None) -> list[float]:
-    """The end of the measured temperatures that is farther from the last one (without a range a warmer temperature), and the
-    middle of the largest step of soaks."""
-    if data.temperature_degc is None or last_degc is None:
-        return []
-    degc = np.asarray(data.temperature_degc, float)
-    far, between = float(max(degc.min(), degc.max(), key=lambda end: abs(end - last_degc))), between_soaks(degc)
-    others = [far if abs(far - last_degc) >= _LEAST_RANGE_DEGC else last_degc + _WARMER_DEGC]
-    return others if between is None or abs(between - last_degc) < _LEAST_RANGE_DEGC else [*others, between]
 
 
 def between_soaks(degc: np.ndarray) -> float | None:
@@ -111,3 +109,29 @@ def between_soaks(degc: np.ndarray) -> float | None:
         return None
     widest = int(np.argmax(np.diff(levels)))
     return float(levels[widest : widest + 2].mean())
+
+
+def temperature_notes(diagnosis: Diagnosis) -> Iterator[str]:
+    """Instructions that test the causes of temperature among the explanations; none without such a cause."""
+    where, degc = diagnosis.problem.where, diagnosis.data.temperature_degc
+    ids = {label.partition(":")[0] for labels in (diagnosis.best.labels, *diagnosis.best.stated) for label in labels}
+    entries = [diagnosis.entries[id] for id in sorted(ids) if id in diagnosis.entries]
+    thermal = [entry for entry in entries if "temperature_degc" in entry.needs]
+    if degc is None or not thermal or where.soaks < 2:
+        return
+    between = between_soaks(degc)
+    if between is not None and any(entry.over_temperature for entry in thermal):
+        yield f"A further soak at {between:.1f} degC, between those measured, tests the order of the dependence on temperature."
+    if where.time_s is None:
+        return
+    one_way = not np.any(np.asarray(reached_from(where)))
+    if one_way or any(entry.id.startswith("bias_hysteresis") for entry in thermal):
+        yield (
+            "Measure the same temperatures again in the reverse order: a hysteresis changes its sign with the direction, a "
+            f"drift does not{'; these data reach them in one direction only' if one_way else ''}."
+        )
+    if any(entry.id.startswith(("temperature_rate", "temperature_lag")) for entry in thermal):
+        yield (
+            "Repeat the change of temperature at half of its rate: an error by the rate or by the lag of the thermometer is "
+            "then half as large, a hysteresis is unchanged."
+        )

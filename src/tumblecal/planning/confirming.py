@@ -1,14 +1,14 @@
 """A measurement that tests the named cause: where it and the strongest alternative predict different readings."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tumblecal.ground.axes import AXES
-from tumblecal.planning.alternatives import Predicted
-from tumblecal.planning.proposals import Proposal
-from tumblecal.planning.value import LinearPosterior
+from tumblecal.planning.new_rows import Rows
+from tumblecal.planning.posterior import Posterior
+from tumblecal.planning.proposals import NextPosition
 
 
 # Largest number of readings, smallest distance (deg) at one pitch setting, and smallest separation in standard deviations.
@@ -43,33 +43,36 @@ class Confirmation:
         return abs(self.expected_g - self.rival_g) / self.sd_g
 
 
-def confirmations(listed: Sequence[Proposal], leader: Predicted, alternative: Predicted) -> tuple[Confirmation, ...]:
+def confirmations(
+    listed: Sequence[NextPosition],
+    rows: Rows,
+    settings: Collection[float],
+    known: Posterior,
+    other: Posterior,
+    rival: tuple[str, ...],
+) -> tuple[Confirmation, ...]:
     """The readings that best separate a cause from its alternative, the largest separation first.
 
     **Arguments:**
 
-    - `listed`: the proposals. Only single positions in the present mounting at measured pitch settings are used, as the fit
-      predicts these.
-    - `leader`, `alternative`: the named causes and the strongest alternative, each fitted to the data.
+    - `listed`: the proposals, with their `rows`. Only single positions in the present mounting at measured pitch `settings`
+      (deg) are used, as the fit predicts these.
+    - `known`, `other`: the named causes and the strongest alternative (`rival`), each fitted to the data.
     """
-    rows = leader.rows
-    known, other = (LinearPosterior(one.rows, one.columns) for one in (leader, alternative))
-    every = np.arange(len(rows.new))[:, None]
-    (mean, spread), (other_mean, other_spread) = known.predicted(every), other.predicted(every)
-    mean, separation = mean / rows.weight, (mean - other_mean) / rows.weight
-    expected_sd, sd = (np.sqrt(np.diagonal(own, axis1=1, axis2=2)) / rows.weight for own in (spread, other_spread))
-    candidates: list[Confirmation] = []
-    for proposal, cells in zip(listed, rows.cells, strict=True):
-        if proposal.side or np.any(rows.of_new_groups(cells)):
+    every, candidates = np.arange(len(rows.new))[:, None], list[Confirmation]()
+    (mean, sd), (other_mean, other_sd) = (
+        (own.mean / rows.weight, np.sqrt(np.diagonal(own.spread, axis1=1, axis2=2)) / rows.weight)
+        for own in (known.predicted(every), other.predicted(every))
+    )
+    axes = np.argmax(np.abs(mean - other_mean) / other_sd, axis=1).tolist()
+    for proposal, (cell, *_) in zip(listed, rows.cells, strict=True):
+        if proposal.mount or proposal.beta_deg not in settings:
             continue
-        cell, axis = int(cells[0]), int(np.argmax(np.abs(separation[cells[0]]) / sd[cells[0]]))
-        expected, difference = float(mean[cell, axis]), float(separation[cell, axis])
-        at = proposal.alpha_deg[0], proposal.beta_deg, AXES[axis]
-        each = float(sd[cell, axis]), float(expected_sd[cell, axis])
-        candidates.append(Confirmation(*at, expected, expected - difference, *each, alternative.by.labels))
-    candidates.sort(key=lambda reading: -reading.sd_apart)
+        place, axis = (proposal.alpha_deg, proposal.beta_deg, AXES[axes[cell]]), axes[cell]
+        expected, predicted, u, expected_u = (float(own[cell, axis]) for own in (mean, other_mean, other_sd, sd))
+        candidates.append(Confirmation(*place, expected, predicted, u, expected_u, rival))
     chosen: list[Confirmation] = []
-    for reading in candidates:
+    for reading in sorted(candidates, key=lambda reading: -reading.sd_apart):
         near = any(
             other.beta_deg == reading.beta_deg
             and abs((other.alpha_deg - reading.alpha_deg + 180.0) % 360.0 - 180.0) < _DISTANCE_DEG

@@ -8,22 +8,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tumblecal.chain import parameters_of
+from tumblecal.chain.nominal import Mount
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.blas import single_blas_thread
-from tumblecal.planning.alternatives import Predicted, competition
-from tumblecal.planning.choosing import MOST_IN_SET, Choosing
-from tumblecal.planning.conditions import Conditions, continued
+from tumblecal.planning.alternatives import competition
+from tumblecal.planning.choosing import MOST_IN_SET, best_of, greedy
+from tumblecal.planning.conditions import Conditions, continued, temperature_notes
 from tumblecal.planning.confirming import Confirmation, confirmations
-from tumblecal.planning.new_rows import remountings
+from tumblecal.planning.new_groups import leaves_of
+from tumblecal.planning.posterior import Value, sharpenings
 from tumblecal.planning.promise import Promise
-from tumblecal.planning.proposals import Allowed, Proposal, proposals, reversed_run
-from tumblecal.planning.sampling import REVERSED, SAMPLE, Sample, samples
-from tumblecal.planning.separating import LEAST_STEP, separate
-from tumblecal.planning.temperature_notes import temperature_notes
-from tumblecal.planning.value import Separation, Sharpening
+from tumblecal.planning.proposals import SIDES, Allowed, NextPosition, proposals, reversed_run
+from tumblecal.planning.sampling import REVERSED, SAMPLE, samples
+from tumblecal.planning.separating import LEAST_STEP, separate, separation
 
 
 MOST = 6
@@ -33,31 +33,15 @@ _LEAST_GAIN = 0.03
 _LEAST_TURN = 0.1
 SEPARATE = "separate the leading explanations"
 SHARPEN_WEAKEST = "reduce the standard uncertainty of the most poorly determined direction of the sensor's parameters"
+_NOT_REMOUNTED = "No remounting is proposed: the chain has no free dtheta for each mounting, or no exact mount."
+_CORRELATED = "The noise is correlated between positions; new positions are assumed independent."
+_NEW_MOUNT = "Add a [mounts] entry for the new mounting to the rig file, and one value of dtheta per mounting."
 _AT_SETTINGS = (
     "A cause that acts at one pitch setting returns with this setting only: repeats of the setting, or new settings, separate "
     "it from other causes."
 )
 _SIDES_BY_HAND = "The +x face is up when x reads +1 g, and the -x face is then down; y and z accordingly."
 SHARPEN = "reduce the largest standard uncertainty"
-
-
-@dataclass(frozen=True)
-class NextPosition:
-    """A proposal, its angles in degrees.
-
-    `mount`: "" for the present mounting, otherwise the turn of the triad; `alpha_deg` is then the first of a turn, `turn_deg`
-    all of it. `purpose` in words; `value`: the expected log Bayes factor that it adds, the share by which it reduces the
-    largest uncertainty, or the unexplained error there in standard deviations of the noise. `direction`: for a hand-held set
-    the orientation in words; the angles are equivalent.
-    """
-
-    alpha_deg: float
-    beta_deg: float
-    mount: str
-    purpose: str
-    value: float
-    turn_deg: tuple[float, ...] = ()
-    direction: str = ""
 
 
 @dataclass(frozen=True)
@@ -95,7 +79,7 @@ class NextPlan:
     @property
     def positions(self) -> int:
         """Number of positions of the set."""
-        return sum(len(position.turn_deg) or 1 for position in self.together)
+        return sum(len(position.angles_deg) for position in self.together)
 
     @property
     def settings(self) -> dict[tuple[str, float], list[float]]:
@@ -103,8 +87,7 @@ class NextPlan:
         settings: dict[tuple[str, float], list[float]] = {}
         for position in sorted(self.together, key=lambda position: position.mount):
             if not position.direction:
-                angles = position.turn_deg or (position.alpha_deg,)
-                settings.setdefault((position.mount, position.beta_deg), []).extend(angles)
+                settings.setdefault((position.mount, position.beta_deg), []).extend(position.angles_deg)
         return settings
 
 
@@ -126,61 +109,65 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     """
     if diagnosis.data.hand_held:
         return _by_hand(diagnosis)
-    allowed, model = allowed or Allowed(), diagnosis.model
-    sides, why_not = remountings(diagnosis) if allowed.remount else ((), "")
+    allowed, data = allowed or Allowed(), diagnosis.data
+    sides = tuple(SIDES) if allowed.remount and _remounts(diagnosis) else ()
+    notes = [_NOT_REMOUNTED] if allowed.remount and not sides else []
+    plan = NextPlan(from_rig=diagnosis.from_rig, conditions=continued(data))
     if diagnosis.unnamed is not None:
-        return _of_samples(diagnosis, samples(diagnosis, allowed, MOST_IN_SET), why_not)
-    listed = proposals(diagnosis.data, allowed, sides)
-    notes = [why_not] if why_not else []
-    if diagnosis.problem.correlated:
-        notes.append("The noise is correlated between positions; new positions are assumed independent.")
-    notes += [*_repeats(diagnosis.members), *temperature_notes(diagnosis)]
+        found = samples(diagnosis, allowed, MOST_IN_SET)
+        together = tuple([NextPosition(one.alpha_deg, one.beta_deg, "", SAMPLE, one.in_sd) for one in found])
+        singles = tuple(sorted(together, key=lambda position: -position.value)[:MOST])
+        return replace(plan, singles=singles, together=together, purpose=SAMPLE, notes=(REVERSED, *notes))
+    suspect = [cause.label.partition(":")[2] for cause in diagnosis.members if cause.positions]
+    notes += [_CORRELATED] if diagnosis.problem.correlated else []
+    notes += [f"Measure position {', '.join(suspect).replace('+', ' and ')} again first."] if suspect else []
+    notes += temperature_notes(diagnosis)
     with single_blas_thread():
-        competing = competition(diagnosis)
-        if not all(hasattr(link, "setting") for link in competing.at_settings):
-            # A value for each pitch setting predicts nothing at another one.
-            measured = diagnosis.data.pitch_setting_deg
-            listed = [one for one in listed if np.any(np.isclose(measured, one.beta_deg))] or listed
-        if competing.at_settings and len(competing.competing) > 1:
-            notes.append(_AT_SETTINGS)
-        predicted = competing.at(listed)
-        separated = separate(competing, predicted, listed, reversed_run(diagnosis.data, allowed))
-    leader, worth = predicted[0], separated if separated is not None and separated.promise.worth_measuring else None
-    plan = NextPlan(
-        from_rig=diagnosis.from_rig,
-        conditions=continued(diagnosis.data) if worth is None else worth.conditions,
-        promise=None if separated is None else separated.promise,
-    )
-    predicted = predicted if worth is None else worth.competing
-    choosing = Choosing(listed, predicted[0].rows)
-    if len(leader.columns) > model.nominal:
-        nominal = Predicted(replace(leader.by, labels=()), choosing.rows, (*range(model.nominal),))
-        plan = replace(plan, confirming=confirmations(listed, *(*predicted, nominal)[:2]))
+        return _proposed(diagnosis, plan, allowed, proposals(data, allowed, sides), notes)
+
+
+def _proposed(
+    diagnosis: Diagnosis, plan: NextPlan, allowed: Allowed, listed: list[NextPosition], notes: list[str]
+) -> NextPlan:
+    """The plan that separates explanations if that is worth measuring, otherwise the one that improves the worst parameter."""
+    competing, data, model = competition(diagnosis), diagnosis.data, diagnosis.model
+    settings = {*data.pitch_setting_deg.tolist()}
+    if competing.at_settings:
+        listed = [one for one in listed if one.beta_deg in settings] or listed
+    notes += [_AT_SETTINGS] if competing.at_settings and competing.alternatives else []
+    predicted = competing.at(listed, continued(data)._replace(step_s=0.0))
+    separated = separate(competing, predicted, listed, reversed_run(data, allowed))
+    worth = separated if separated is not None and separated.promise.worth_measuring else None
+    predicted = predicted if worth is None else worth.predicted
+    counted = np.ones(len(competing.alternatives), bool) if worth is None else worth.counted
+    (rows, (leader, *others)), own = predicted, [k for cause in diagnosis.members for k in cause.slot.all_columns]
+    plan = replace(plan, promise=None if separated is None else separated.promise)
+    if own:
+        rivals = [*zip(others, competing.alternatives, strict=True)]
+        rivals = [rival for rival, counts in zip(rivals, counted, strict=True) if counts]
+        rivals.append((rows.posterior(range(model.nominal)), ()))
+        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *rivals[0]))
     if worth is not None:
-        plan = replace(plan, purpose=SEPARATE, value=sum(worth.gains), in_reverse=worth.in_reverse)
-        singles = choosing.best(Separation(predicted), MOST, LEAST_STEP)
-        chosen = zip(worth.ordered, worth.gains, strict=True)
+        singles = best_of(listed, rows.cells, separation(competing, predicted, counted), MOST, LEAST_STEP)
+        together, value = worth.ordered, sum(one.value for one in worth.ordered)
+        plan = replace(plan, purpose=SEPARATE, conditions=worth.conditions, in_reverse=worth.in_reverse, value=value)
     else:
-        watching = _watched(diagnosis)
-        sharpening = Sharpening(choosing.rows, leader.columns, watching)
-        worst = model.names[watching[int(np.argmax(sharpening.variances()))]]
-        singles = choosing.best(sharpening, MOST, LEAST_VALUE)
-        numbers = choosing.greedy(sharpening, lambda positions: min(_LEAST_GAIN * positions, _LEAST_TURN))
-        chosen = [(listed[k], gain) for k, gain in numbers]
-        plan = replace(plan, purpose=SHARPEN, watched=worst, value=sharpening.total if chosen else 0.0)
-    together = tuple([_position(one, plan.purpose, gain) for one, gain in chosen])
-    if plan.from_rig and any(position.mount for position in together):
-        notes.append("Add a [mounts] entry for the new mounting to the rig file, and one value of dtheta per mounting.")
-    best = tuple([_position(listed[k], plan.purpose, value) for k, value in singles])
-    return replace(plan, singles=best, together=together, notes=tuple(notes))
-
-
-def _of_samples(diagnosis: Diagnosis, chosen: list[Sample], why_not: str) -> NextPlan:
-    """Positions that sample an unexplained error; `why_not`: why no remounting is proposed."""
-    together = tuple([NextPosition(one.alpha_deg, one.beta_deg, "", SAMPLE, one.in_sd) for one in chosen])
-    singles = tuple(sorted(together, key=lambda position: -position.value)[:MOST])
-    notes, conditions = (REVERSED, why_not) if why_not else (REVERSED,), continued(diagnosis.data)
-    return NextPlan(singles, together, SAMPLE, notes=notes, from_rig=diagnosis.from_rig, conditions=conditions)
+        watched = _watched(diagnosis)
+        sharpening = Value([leader], sharpenings(watched), np.zeros(1), np.inf)
+        worst = model.names[watched[int(np.argmax(np.diag(leader.covariance)[watched]))]]
+        least = -np.log1p(-np.minimum([_LEAST_GAIN * len(one.angles_deg) for one in listed], _LEAST_TURN))
+        # The share by which an uncertainty is reduced, from the decrease of its logarithm.
+        singles, together = (
+            [replace(one, value=-float(np.expm1(-one.value))) for one in chosen]
+            for chosen in (
+                best_of(listed, rows.cells, sharpening, MOST, LEAST_VALUE),
+                greedy(listed, rows.cells, sharpening, least, settings),
+            )
+        )
+        plan = replace(plan, purpose=SHARPEN, watched=worst, value=-float(np.expm1(-sharpening.total)))
+    notes += [_NEW_MOUNT] if plan.from_rig and any(one.mount for one in together) else []
+    best, chosen = (tuple([replace(one, purpose=plan.purpose) for one in each]) for each in (singles, together))
+    return replace(plan, singles=best, together=chosen, notes=tuple(notes))
 
 
 def _by_hand(diagnosis: Diagnosis) -> NextPlan:
@@ -197,24 +184,18 @@ def _by_hand(diagnosis: Diagnosis) -> NextPlan:
     return NextPlan(together=together, purpose=SHARPEN_WEAKEST, value=value, notes=(_SIDES_BY_HAND,))
 
 
-def _position(proposal: Proposal, purpose: str, value: float) -> NextPosition:
-    turn = proposal.alpha_deg if proposal.side else ()
-    return NextPosition(proposal.alpha_deg[0], proposal.beta_deg, proposal.side, purpose, value, turn)
+def _remounts(diagnosis: Diagnosis) -> bool:
+    """Whether the chain can describe the triad in a new mounting: by an exact mount with free angles for each mounting."""
+    mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
+    free = [leaf for leaf in parameters_of(tuple(mounts)) if leaf.name == "dtheta" and leaf.free]
+    one_mounting = not diagnosis.from_rig or len(set(diagnosis.data.mount or ("1",))) == 1
+    return len(mounts) == 1 and any(one_mounting if leaf.by is None else "mount" in leaf.by.split(".") for leaf in free)
 
 
 def _watched(diagnosis: Diagnosis) -> list[int]:
     """Columns of the sensor parameters of new positions; all nominal ones if a rig fixes these."""
-    chosen, offset, where = [], 0, diagnosis.problem.where
-    for leaf in diagnosis.model.nominal_chain.free:
-        groups, components = leaf.value.shape
+    chosen, where = list[int](), diagnosis.problem.where
+    for leaf, columns in leaves_of(diagnosis.model):
         if leaf.name in ("dK", "bias", "gamma"):
-            group = 0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])
-            chosen += [offset + group * components + k for k in range(components)]
-        offset += groups * components
+            chosen += columns[0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])].tolist()
     return chosen or list(range(diagnosis.model.nominal))
-
-
-def _repeats(causes: tuple[Cause, ...]) -> list[str]:
-    """An instruction to repeat outlier positions first."""
-    suspect = [cause.label.partition(":")[2].replace("+", " and ") for cause in causes if cause.positions]
-    return [f"Measure position {', '.join(suspect)} again first."] if suspect else []

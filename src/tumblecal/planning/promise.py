@@ -1,12 +1,13 @@
 """What a set of new positions is expected to settle, from the distribution of the odds after it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tumblecal.diagnosis.priors import LEAST_ODDS, SURE
 from tumblecal.planning.alternatives import Competition
-from tumblecal.planning.value import Separation
+from tumblecal.planning.posterior import Posterior
 
 
 # A result of at least this probability is promised; new positions with lower odds are not worth measuring.
@@ -46,21 +47,25 @@ class Promise:
         return bool(self.excluded) and self.odds >= LEAST_WORTH_ODDS
 
 
-def promise_of(separation: Separation, competition: Competition) -> Promise:
-    """What the new positions of all rows are expected to settle.
+def promise_of(posteriors: Sequence[Posterior], competition: Competition) -> Promise:
+    """What the new positions of these posteriors of the explanations are expected to settle.
 
     Each explanation in turn is the true one, by its probability; its coefficients and the noise are drawn, and the posterior
     odds of all explanations follow in closed form. If another explanation is true, or comes up that nothing predicted, nothing
     is settled. An alternative without a name remains: it predicts nothing.
     """
-    log_odds = np.append(0.0, separation.log_odds)
-    weights = np.exp(log_odds - np.logaddexp.reduce(log_odds))
-    scores = _scores(separation) + log_odds
-    # The true causes with further ones keep their share of the probability, but for chance: half of chi-squared of one degree
-    # of freedom in its logarithm.
-    chance = np.exp(0.5 * (np.random.default_rng(_SEED).chisquare(1, _DRAWS) - 1.0))
-    alone = 1.0 / (1.0 + np.array(separation.larger)[:, None] * chance)
-    sure_odds = np.log(SURE) - np.log(np.maximum(alone - SURE, 1e-12))
+    rng, every = np.random.default_rng(_SEED), np.arange(len(posteriors[0].new))[None]
+    predicted = [known.predicted(every) for known in posteriors]
+    mean = np.array([own.mean[0] for own in predicted])
+    roots = np.linalg.cholesky([own.spread[0] for own in predicted])
+    drawn = mean[:, None] + rng.normal(size=(_DRAWS, mean.shape[1])) @ roots.transpose(0, 2, 1)
+    # Log posteriors by the true explanation, the draw, and the explanation that is judged.
+    log_odds = np.append(0.0, competition.log_odds)
+    rests = [
+        np.sum(((drawn - own) @ inverse.T) ** 2, axis=2)
+        for own, inverse in zip(mean, np.linalg.inv(roots), strict=True)
+    ]
+    scores = log_odds - np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1) - 0.5 * np.stack(rests, axis=2)
     # Alternatives that are separated from the leading explanation in most draws; the others are one group with it.
     excluded = np.mean(scores[0, :, :1] - scores[0] > LEAST_ODDS, axis=0) >= _MOSTLY
     group = np.where(excluded, np.arange(len(log_odds)), 0)
@@ -68,10 +73,16 @@ def promise_of(separation: Separation, competition: Competition) -> Promise:
     of_group = np.logaddexp.reduce(np.where(same, scores, -np.inf), axis=2)
     others = np.where(same, -np.inf, scores)
     odds = of_group - np.logaddexp.reduce(others, axis=2)
-    sure = (of_group - np.max(others, axis=2) > LEAST_ODDS) & (odds > sure_odds) & np.any(excluded)
+    # The true causes with further ones keep their share of the probability.
+    alone = 1.0 / (1.0 + np.array([[one.larger] for one in competition.competing]))
+    least = np.log(SURE) - np.log(np.maximum(alone - SURE, 1e-12))
+    sure = (of_group - np.max(others, axis=2) > LEAST_ODDS) & (odds > least) & np.any(excluded)
+    weights = np.exp(log_odds - np.logaddexp.reduce(log_odds))
     median = np.quantile(odds, 0.5, weights=np.repeat(weights[:, None], _DRAWS, axis=1), method="inverted_cdf")
-    decided = list(zip(separation.labels, excluded[1:].tolist(), strict=True))
-    given_listed = float(weights @ sure.mean(axis=1))
+    given_listed, decided = (
+        float(weights @ sure.mean(axis=1)),
+        [*zip(competition.alternatives, excluded[1:], strict=True)],
+    )
     return Promise(
         given_listed * (1.0 - competition.unlisted) * _FORESEEN,
         given_listed,
@@ -79,18 +90,3 @@ def promise_of(separation: Separation, competition: Competition) -> Promise:
         tuple([labels for labels, out in decided if out]),
         (*[labels for labels, out in decided if not out], *competition.unnamed),
     )
-
-
-def _scores(separation: Separation) -> np.ndarray:
-    """Log likelihoods of drawn new readings, by the true explanation, the draw, and the explanation that is judged."""
-    every = np.arange(len(separation.explanations[0].new))[None]
-    predicted = [known.predicted(every) for known in separation.explanations]
-    noise = np.random.default_rng(_SEED).normal(size=(_DRAWS, predicted[0][0].shape[1]))
-    drawn_from = [(mean[0], np.linalg.cholesky(spread[0])) for mean, spread in predicted]
-    scores = np.zeros((len(drawn_from), _DRAWS, len(drawn_from)))
-    for judged, (expected, root) in enumerate(drawn_from):
-        inverse = np.linalg.inv(root)
-        for true, (mean, true_root) in enumerate(drawn_from):
-            white = (mean - expected + noise @ true_root.T) @ inverse.T
-            scores[true, :, judged] = -0.5 * np.sum(white**2, axis=1) - np.sum(np.log(np.diag(root)))
-    return scores

@@ -1,7 +1,7 @@
 """Candidates for the next measurement: single positions of a grid, and turns of the spindle with the triad remounted."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -12,6 +12,8 @@ from tumblecal.data import PositionSet
 STEP_DEG = 15
 # Numbers of positions of a turn with the triad remounted.
 TURNS = (4, 8)
+# With the spindle nearly upright: cos beta below this.
+_LEAST_LEVEL = 0.2
 # Longer runs are not proposed again as a whole.
 MOST_REVERSED = 100
 # How the triad may be turned in its fixture: words, and the rotation Rx Ry Rz that takes the head's axes to its own.
@@ -38,73 +40,80 @@ class Allowed:
 
 
 @dataclass(frozen=True)
-class Proposal:
-    """One proposal: `alpha_deg` all at one pitch setting; `side`: "" for the present mounting, otherwise a key of `SIDES`."""
+class NextPosition:
+    """A proposal, its angles in degrees.
 
-    alpha_deg: tuple[float, ...]
+    `mount`: "" for the present mounting, otherwise the turn of the triad (a key of `SIDES`); `alpha_deg` is then the first of a
+    turn, `turn_deg` all of it. `purpose` in words; `value`: the expected log Bayes factor that it adds, the share by which it
+    reduces the largest uncertainty, or the unexplained error there in standard deviations of the noise. `direction`: for a
+    hand-held set the orientation in words; the angles are equivalent.
+    """
+
+    alpha_deg: float
     beta_deg: float
-    side: str
+    mount: str = ""
+    purpose: str = ""
+    value: float = 0.0
+    turn_deg: tuple[float, ...] = ()
+    direction: str = ""
 
     @property
-    def cost(self) -> int:
-        """Number of positions."""
-        return len(self.alpha_deg)
+    def angles_deg(self) -> tuple[float, ...]:
+        """All its spindle angles."""
+        return self.turn_deg or (self.alpha_deg,)
 
     @property
-    def places(self) -> set[tuple[str, float, float]]:
-        """Its positions: side, beta and alpha, deg."""
-        return {(self.side, self.beta_deg, alpha) for alpha in self.alpha_deg}
+    def needs_others(self) -> bool:
+        """Whether its new mounting must be measured at another pitch setting too: with the spindle upright (beta 90) the
+        positions do not determine the angles of the mounting."""
+        return bool(self.mount) and abs(np.cos(np.radians(self.beta_deg))) < _LEAST_LEVEL
+
+    @property
+    def each(self) -> list["NextPosition"]:
+        """Its positions, one by one."""
+        return [replace(self, alpha_deg=alpha, turn_deg=self.turn_deg and (alpha,)) for alpha in self.angles_deg]
 
 
-def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list[Proposal]:
+def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list[NextPosition]:
     """Everything that may be proposed.
 
     **Arguments:**
 
     - `data`: the present positions; by default proposals stay within their pitch angles.
-    - `sides`: remountings that can be analysed.
+    - `sides`: remountings that can be analysed. They are proposed at measured pitch settings if there are any.
     """
+    beta = data.pitch_setting_deg
     alphas = allowed.alpha_deg or tuple(float(angle) for angle in range(0, 360, STEP_DEG))
-    betas = allowed.beta_deg or _levels(data.pitch_setting_deg)
-    listed = [Proposal((alpha,), beta, "") for beta in betas for alpha in alphas]
-    measured = [beta for beta in betas if np.any(np.isclose(data.pitch_setting_deg, beta))] or betas
-    turns = dict.fromkeys(_turn(alphas, count) for count in TURNS)
-    return listed + [Proposal(turn, beta, side) for side in sides for beta in measured for turn in turns]
+    between = np.arange(np.ceil(beta.min() / STEP_DEG), np.floor(beta.max() / STEP_DEG) + 1) * STEP_DEG
+    levels = {round(angle, 6): angle for angle in (*between.tolist(), *beta.tolist())}
+    betas = [levels.get(round(angle, 6), angle) for angle in allowed.beta_deg or sorted(levels)]
+    listed = [NextPosition(alpha, angle) for angle in betas for alpha in alphas]
+    # A turn has so many of the spindle angles, spread over them.
+    ordered, turns = sorted({*alphas}), dict[tuple[float, ...], None]()
+    for count in np.minimum(TURNS, len(ordered)).tolist():
+        turns[tuple(ordered[k * len(ordered) // count] for k in range(count))] = None
+    known = [angle for angle in betas if angle in beta] or betas
+    turned = [(side, angle, turn) for side in sides for angle in known for turn in turns]
+    return listed + [NextPosition(turn[0], angle, side, turn_deg=turn) for side, angle, turn in turned]
 
 
-def reversed_run(data: PositionSet, allowed: Allowed) -> list[Proposal]:
+def reversed_run(data: PositionSet, allowed: Allowed) -> list[NextPosition]:
     """All positions of the last run and mounting again, the last one first; none if they are many or may not be set again."""
-    count = len(data)
-    groups = list(zip(data.run or ("1",) * count, data.mount or ("1",) * count, strict=True))
-    rows = [k for k in reversed(range(count)) if groups[k] == groups[-1]]
-    again = [Proposal((float(data.alpha_deg[k]),), float(data.pitch_setting_deg[k]), "") for k in rows]
-    angles = [(one.alpha_deg[0], one.beta_deg) for one in again]
-    usable = all(
-        given is None or np.any(np.isclose(given, angle))
-        for pair in angles
-        for given, angle in zip((allowed.alpha_deg, allowed.beta_deg), pair, strict=True)
-    )
-    return again if usable and len(again) <= MOST_REVERSED else []
+    groups = list(zip(data.run or ("1",) * len(data), data.mount or ("1",) * len(data), strict=True))
+    rows = [k for k in reversed(range(len(data))) if groups[k] == groups[-1]]
+    usable = [
+        given is None or np.all(np.any(np.isclose(given, angle[rows][:, None]), axis=1))
+        for given, angle in ((allowed.alpha_deg, data.alpha_deg), (allowed.beta_deg, data.pitch_setting_deg))
+    ]
+    if not all(usable) or len(rows) > MOST_REVERSED:
+        return []
+    return [NextPosition(float(data.alpha_deg[k]), float(data.pitch_setting_deg[k])) for k in rows]
 
 
-def by_pitch(chosen: Iterable[Proposal]) -> list[Proposal]:
+def by_pitch(chosen: Iterable[NextPosition]) -> list[NextPosition]:
     """Proposals in the order in which they are measured: those of one mounting, and of one pitch setting, together."""
-    groups: dict[tuple[str, float], list[Proposal]] = {}
+    groups: dict[tuple[str, float], list[NextPosition]] = {}
     for proposal in chosen:
-        groups.setdefault((proposal.side, proposal.beta_deg), []).append(proposal)
+        groups.setdefault((proposal.mount, proposal.beta_deg), []).append(proposal)
     order = ("", *SIDES)
     return [proposal for key in sorted(groups, key=lambda key: order.index(key[0])) for proposal in groups[key]]
-
-
-def _levels(beta_deg: np.ndarray) -> tuple[float, ...]:
-    """The pitch settings of the data and the multiples of 15 degrees between them."""
-    between = np.arange(np.ceil(beta_deg.min() / STEP_DEG), np.floor(beta_deg.max() / STEP_DEG) + 1) * STEP_DEG
-    measured = {round(float(angle), 6): float(angle) for angle in beta_deg}
-    return tuple(measured.get(angle, angle) for angle in sorted({*measured, *between.tolist()}))
-
-
-def _turn(alphas: Sequence[float], most: int) -> tuple[float, ...]:
-    """At most so many of the spindle angles, spread over them."""
-    ordered = sorted(set(alphas))
-    count = min(len(ordered), most)
-    return tuple(ordered[k * len(ordered) // count] for k in range(count))

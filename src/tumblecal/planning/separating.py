@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from jaxtyping import Bool
+
 from tumblecal.planning.alternatives import Competition, Predicted
-from tumblecal.planning.choosing import Choosing
+from tumblecal.planning.choosing import greedy
 from tumblecal.planning.conditions import Conditions, candidates, continued
+from tumblecal.planning.posterior import Value, separations
 from tumblecal.planning.promise import PROMISED, Promise, promise_of
-from tumblecal.planning.proposals import Proposal, by_pitch
-from tumblecal.planning.value import Separation
+from tumblecal.planning.proposals import NextPosition, by_pitch
 
 
 # A proposal that adds less than this to the log Bayes factor is omitted.
@@ -20,39 +23,45 @@ _SURE = 0.95
 class Separated:
     """Positions that separate explanations.
 
-    - `conditions`: under which they are measured. `competing`: the leading explanation and the alternatives that they exclude
-      (all if none), with the rows of all proposals.
-    - `ordered`: the positions, one after another, and `gains`: the expected log Bayes factor that each adds. `in_reverse`:
-      whether they are the last run in the reverse order.
-    - `promise`: what they settle.
+    - `conditions`: under which they are measured. `predicted`: all proposals under them.
+    - `ordered`: the positions, one after another, each with the expected log Bayes factor that it adds. `in_reverse`: whether
+      they are the last run in the reverse order.
+    - `promise`: what they settle. `counted`: the alternatives that they exclude, all if none.
     """
 
     conditions: Conditions
-    competing: list[Predicted]
-    ordered: list[Proposal]
-    gains: list[float]
+    predicted: Predicted
+    ordered: list[NextPosition]
     promise: Promise
+    counted: Bool[np.ndarray, " alternatives"]
     in_reverse: bool = False
 
 
+def separation(competition: Competition, predicted: Predicted, counted: Bool[np.ndarray, " alternatives"]) -> Value:
+    """The value of separating the leading explanation from some alternatives (`counted`, for each of them)."""
+    leader, *others = predicted.posteriors
+    counting = [other for other, counts in zip(others, counted, strict=True) if counts]
+    return Value([leader, *counting], separations, competition.log_odds[counted])
+
+
 def separate(
-    competition: Competition, first: list[Predicted], listed: list[Proposal], again: list[Proposal]
+    competition: Competition, first: Predicted, listed: list[NextPosition], again: list[NextPosition]
 ) -> Separated | None:
     """The positions that separate the explanations under the conditions of least effort; None if only one competes.
 
     **Arguments:**
 
-    - `first`: the explanations with the rows of all proposals `listed`, directly after the data.
+    - `first`: all proposals `listed`, directly after the data.
     - `again`: the last run in the reverse order, which is evaluated if no conditions are sure to settle it.
     """
     data, best = competition.diagnosis.data, None
     needs = {name for one in competition.competing for cause in one.causes for name in cause.slot.needs}
-    if len(first) < 2:
+    if not competition.alternatives:
         return None
     here = continued(data)
     for conditions in candidates(data, in_time="time_s" in needs, with_temperature="temperature_degc" in needs):
-        competing = first if conditions == here else competition.at(listed, conditions)
-        separated = _measured(competition, _chosen(listed, competing), conditions, competing)
+        predicted = first if conditions == here else competition.at(listed, conditions._replace(step_s=0.0))
+        separated = _measured(competition, _chosen(competition, listed, predicted), conditions, predicted)
         if best is None or _better(separated.promise, best.promise):
             best = separated
         if best.promise.given_listed >= _SURE and not best.promise.remaining:
@@ -67,31 +76,32 @@ def _better(promise: Promise, than: Promise) -> bool:
     return rank > before or (rank == before and promise.given_listed > than.given_listed + 0.05)
 
 
-def _chosen(listed: list[Proposal], competing: list[Predicted]) -> list[Proposal]:
+def _chosen(competition: Competition, listed: list[NextPosition], predicted: Predicted) -> list[NextPosition]:
     """The proposals that separate the explanations, in the order in which they are measured, a position each."""
-    rows = competing[0].rows
-    hopeless = Separation(competing).inseparable(rows.cells)
-    separable = [one for k, one in enumerate(competing) if k - 1 not in hopeless]
-    if len(separable) < 2:
-        return []
-    chosen = Choosing(listed, rows).greedy(Separation(separable), lambda positions: LEAST_STEP)
-    groups = by_pitch([listed[k] for k, _ in chosen])
-    return [Proposal((alpha,), group.beta_deg, group.side) for group in groups for alpha in group.alpha_deg]
+    every = np.concatenate(predicted.rows.cells)[None]
+    (expected, _), *others = (known.predicted(every) for known in predicted.posteriors)
+    rests = [(expected[0] - mean[0], spread[0]) for mean, spread in others]
+    # Alternatives that even all proposals together would not separate from the leader do not count.
+    separable = np.array([0.5 * rest @ np.linalg.solve(spread, rest) >= 1.0 for rest, spread in rests])
+    value, least = separation(competition, predicted, separable), np.full(len(listed), LEAST_STEP)
+    settings = competition.diagnosis.data.pitch_setting_deg
+    chosen = greedy(listed, predicted.rows.cells, value, least, settings) if np.any(separable) else []
+    return [spot for proposal in by_pitch(chosen) for spot in proposal.each]
 
 
 def _measured(
-    competition: Competition, ordered: list[Proposal], conditions: Conditions, competing: list[Predicted]
+    competition: Competition, ordered: list[NextPosition], conditions: Conditions, predicted: Predicted
 ) -> Separated:
     """Positions that are measured one after another: the value that each adds, and what they settle together."""
     if not ordered:
-        remaining = tuple([one.by.labels for one in competing[1:]])
-        return Separated(conditions, competing, [], [], Promise(0.0, 0.0, 1.0, (), remaining))
-    predicted, gains = competition.at(ordered, conditions, in_order=True), list[float]()
-    promise = promise_of(Separation(predicted), competition)
-    excluded = promise.excluded or tuple(one.by.labels for one in competing)
-    counts = [k for k, one in enumerate(competing) if k == 0 or one.by.labels in excluded]
-    separation = Separation([predicted[k] for k in counts])
-    for cells in predicted[0].rows.cells:
-        gains.append(float(separation.of([cells])[0]))
-        separation.take(cells)
-    return Separated(conditions, [competing[k] for k in counts], ordered, gains, promise)
+        nothing = Promise(0.0, 0.0, 1.0, (), competition.alternatives)
+        return Separated(conditions, predicted, [], nothing, np.ones(len(competition.alternatives), bool))
+    in_order = competition.at(ordered, conditions)
+    promise = promise_of(in_order.posteriors, competition)
+    excluded = promise.excluded or competition.alternatives
+    counted = np.array([labels in excluded for labels in competition.alternatives])
+    value = separation(competition, in_order, counted)
+    pairs = zip(ordered, in_order.rows.cells, strict=True)
+    return Separated(
+        conditions, predicted, [replace(one, value=value.take(cells)) for one, cells in pairs], promise, counted
+    )

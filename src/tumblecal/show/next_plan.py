@@ -8,7 +8,7 @@ from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_lines
-from tumblecal.planning.next_capture import NextCapture, capture_content, next_captures, next_commands, setup_of
+from tumblecal.planning.next_capture import NextCapture, next_captures, next_commands, setup_of
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.planning.promise import LEAST_WORTH_ODDS
 from tumblecal.planning.sampling import SAMPLE
@@ -32,7 +32,7 @@ def next_plan_texts(diagnosis: Diagnosis, plan: NextPlan, folder: Path) -> dict[
     words, texts = _words(diagnosis, plan, captures, folder, {}), {}
     for one in captures:
         comments = [f"# {one_line(line)}" for line in words.lines(one.file)]
-        texts[one.file] = "\n".join([*comments, "", *toml_lines(capture_content(diagnosis, plan, one))])
+        texts[one.file] = "\n".join([*comments, "", *toml_lines(one.content)])
     return texts
 
 

@@ -1,8 +1,5 @@
 """Errors in use that effects leave in a calibration which does not know them: the parameters absorb a part of each."""
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -10,10 +7,8 @@ from jaxtyping import Float
 from tumblecal.chain import Place, State, Where, settings
 from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan
 from tumblecal.effects import Catalogue
-from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.full_model.layout import Slot
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.showing import brief
 from tumblecal.simulation.inject import injected_links
 
 
@@ -63,32 +58,9 @@ def effect_in_use(entries: Catalogue, slot: Slot, use: Where) -> Float[np.ndarra
     return np.stack([np.broadcast_to(np.asarray(part), zero.shape)[1:] for part in reading], axis=1).ravel()
 
 
-@dataclass(frozen=True)
-class InUse:
-    """Errors of the corrected force, g, at the attitudes of use, that effects leave in the calibration of a plan."""
-
-    __repr__ = brief
-
-    of: EffectsOfPlan
-
-    @cached_property
-    def _use(self) -> Where:
-        return of_use(self.of.at.problem.where)
-
-    @cached_property
-    def _inverse(self) -> Float[np.ndarray, "nominal rows"]:
-        return np.linalg.pinv(self.of.at.jacobian[:, : self.of.model.nominal], rcond=RANK_TOLERANCE)
-
-    @cached_property
-    def _rows(self) -> Float[np.ndarray, "rows nominal"]:
-        model = self.of.model
-        return sensor_rows(model.names, ATTITUDES) * model.scales[: model.nominal]
-
-    def error(self, id: str) -> Float[np.ndarray, " rows"]:
-        """Error in use of an effect of size 1 in its unit that the calibration does not know."""
-        own = effect_in_use(self.of.entries, self.of.slot(id), self._use)
-        return own - self._rows @ (self._inverse @ self.of.signal(id))
-
-    def largest(self, id: str) -> float:
-        """The largest error in use of an effect of size 1 in its unit."""
-        return float(np.max(np.abs(self.error(id))))
+def error_in_use(of: EffectsOfPlan, id: str) -> Float[np.ndarray, " rows"]:
+    """Error of the corrected force, g, at the attitudes of use, by an effect of size 1 in its unit that the calibration of a
+    plan does not know."""
+    own = effect_in_use(of.entries, of.slot(id), of_use(of.at.problem.where))
+    absorbed = of.model.scales[: of.model.nominal] * (of.absorbed @ of.signal(id))
+    return own - sensor_rows(of.model.names, ATTITUDES) @ absorbed

@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain.rig import Rig
-from tumblecal.diagnosis.causes.effects import SeenEffects, seen_effects
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
 from tumblecal.diagnosis.detection.detect import kept_null
 from tumblecal.diagnosis.priors import SIZE
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import entry
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.slow_noise import with_slow_noise
@@ -53,16 +53,6 @@ class EffectsOfPlan:
         return alternatives(self.at, self.pool.effect_blocks)
 
     @cached_property
-    def _seen(self) -> SeenEffects:
-        return seen_effects(self.at)
-
-    @cached_property
-    def undetectable(self) -> tuple[str, ...]:
-        """Ids of the effects that the nominal parameters absorb in every direction."""
-        shown = {slot.id for slot, rank in zip(self._seen.slots, self._seen.ranks.tolist(), strict=True) if rank}
-        return tuple(id for id in dict.fromkeys(slot.id for slot in self.model.slots) if id not in shown)
-
-    @cached_property
     def threshold(self) -> float:
         """Test statistic from which on the data are not adequate."""
         null = kept_null(self.pool, self.alternatives, self.at.problem.known)
@@ -86,17 +76,17 @@ class EffectsOfPlan:
             raise InputError(f"{id}: a plan cannot be designed for it: {reason}")
         return found
 
-    def steps(self, id: str) -> Float[np.ndarray, " columns"]:
-        """Every coefficient of an effect, of size 1 in its unit, in scales of the model."""
-        slot, unit = self.slot(id), self.entries[id].unit
-        scales = self.model.scales[list(slot.columns)]
-        shown = [factor(unit, base) if self.entries[id].shows(base) else 0.0 for base in slot.units]
-        by_column = dict(zip(slot.all_columns, shown, strict=True))
-        return np.array([by_column[column] for column in slot.columns]) / scales
-
     def signal(self, id: str) -> Float[np.ndarray, " rows"]:
         """White signal of an effect of size 1 in its unit, every coefficient of this size."""
-        return self.at.jacobian[:, list(self.slot(id).columns)] @ self.steps(id)
+        slot, effect = self.slot(id), self.entries[id]
+        units = dict(zip(slot.all_columns, slot.units, strict=True))
+        sizes = [factor(effect.unit, units[k]) if effect.shows(units[k]) else 0.0 for k in slot.columns]
+        return self.at.jacobian[:, list(slot.columns)] @ (np.array(sizes) / self.model.scales[list(slot.columns)])
+
+    @cached_property
+    def absorbed(self) -> Float[np.ndarray, "nominal rows"]:
+        """Changes of the nominal parameters, in scales of the model, by a white signal."""
+        return np.linalg.pinv(self.at.jacobian[:, : self.model.nominal], rcond=RANK_TOLERANCE)
 
     def shown(self, id: str) -> Float[np.ndarray, " nu"]:
         """What the nominal model leaves of it."""

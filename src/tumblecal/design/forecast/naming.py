@@ -14,7 +14,7 @@ from scipy.special import ndtri
 from tumblecal.chain.head_ability import SlowNoise
 from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
-from tumblecal.design.forecast.alias import InUse
+from tumblecal.design.forecast.alias import error_in_use
 from tumblecal.design.forecast.decisions import Decisions, decisions, detections, identities
 from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
 from tumblecal.design.model.cells import cells_of
@@ -115,15 +115,13 @@ def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int =
         if not size > 0:
             raise InputError(f"{id}: size {size:g}: a size above 0 is needed")
     limits = {id: detection_limit(of, id, min(draws, _DRAWS_OF_LIMITS), seed) for id in of.ids}
-    listed = tuple(forecast_of_effect(of, id, size, limits[id], draws, seed) for id, size in effects.items())
-    in_use = InUse(of)
     usual = {id: of.entries[id].typical for id, limit in limits.items() if limit is None}
     return NamingForecast(
-        listed,
+        tuple(forecast_of_effect(of, id, size, limits[id], draws, seed) for id, size in effects.items()),
         limits,
         tuple(usual),
-        _largest_alias(in_use, {id: limit for id, limit in limits.items() if limit is not None}),
-        _largest_alias(in_use, usual),
+        _largest_alias(of, {id: limit for id, limit in limits.items() if limit is not None}),
+        _largest_alias(of, usual),
         draws,
         dict(of.model.not_testable),
     )
@@ -151,13 +149,13 @@ def hidden_on_head(rig: Rig, ids: Collection[str], entries: Catalogue) -> tuple[
     return tuple(id for id in of.ids if np.linalg.norm(of.shown(id)) <= VISIBLE * np.linalg.norm(of.signal(id)))
 
 
-def _largest_alias(in_use: InUse, sizes: Mapping[str, float]) -> Alias | None:
+def _largest_alias(of: EffectsOfPlan, sizes: Mapping[str, float]) -> Alias | None:
     """The largest error in use among effects of these sizes."""
-    errors = {id: size * in_use.largest(id) for id, size in sizes.items()}
-    if not errors:
-        return None
-    id = max(errors, key=errors.__getitem__)
-    return Alias(id, sizes[id], in_use.of.entries[id].unit, errors[id])
+    listed = (
+        Alias(id, size, of.entries[id].unit, size * float(np.max(np.abs(error_in_use(of, id)))))
+        for id, size in sizes.items()
+    )
+    return max(listed, key=lambda alias: alias.error_g, default=None)
 
 
 def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float | None:
@@ -192,26 +190,15 @@ def forecast_of_effect(
 ) -> EffectForecast:
     """Forecast for one effect of a size in its unit; `limit`: about where it is detected, None for an undetectable one."""
     whole, shown = np.linalg.norm(of.signal(id)), np.linalg.norm(of.shown(id))
-    unit = of.entries[id].unit
     rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
-    first = int(of.causes(id)[0]) if limit is not None else None
-    same = () if first is None else tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, first)))
-    detected, named, identified = rates(size)
-    of_detection, of_name, of_verdict = (None if limit is None else rates.smallest(k, limit) for k in range(3))
-    return EffectForecast(
-        id=id,
-        unit=unit,
-        size=size,
-        visible_fraction=float(shown / whole) if whole else 0.0,
-        detected=detected,
-        named=named,
-        identified=identified,
-        detection_limit=of_detection,
-        smallest_named=of_name,
-        smallest_identified=of_verdict,
-        identical=same,
-        not_separated=() if limit is None else not_separated(of, id, max(size, limit), same),
-    )
+    smallest: tuple[float | None, float | None, float | None] = (None, None, None)
+    same = alike = tuple[str, ...]()
+    if limit is not None:
+        same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
+        smallest = rates.smallest(0, limit), rates.smallest(1, limit), rates.smallest(2, limit)
+        alike = not_separated(of, id, max(size, limit), same)
+    visible = float(shown / whole) if whole else 0.0
+    return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, alike)
 
 
 def not_separated(of: EffectsOfPlan, id: str, size: float, identical: tuple[str, ...]) -> tuple[str, ...]:
@@ -229,21 +216,19 @@ class Rates:
     """Shares of draws that are detected, named and identified, by the size of an effect in its unit."""
 
     def __init__(self, of: EffectsOfPlan, id: str, noise: Float[np.ndarray, "draws nu"]):
-        self._of, self._id, self._noise = of, id, noise
-        self._shown = of.shown(id)
-        self._decided: dict[float, Decisions] = {}
+        self._of, self._id, self._noise, self._decided = of, id, noise, dict[float, Decisions]()
 
     def __call__(self, size: float) -> tuple[float, float, float]:
         """The shares at a size."""
         if size not in self._decided:
-            self._decided[size] = decisions(self._of, self._id, self._noise + size * self._shown)
+            self._decided[size] = decisions(self._of, self._id, self._noise + size * self._of.shown(self._id))
         detected, named, identified = (float(np.mean(own)) for own in self._decided[size])
         return detected, named, identified
 
     def smallest(self, number: int, start: float) -> float | None:
         """The smallest size with a share of at least `POWER`, in steps from `start` on and interpolated; None if no size that
         shows by up to `_LARGEST` has it."""
-        largest, size = _LARGEST / float(np.linalg.norm(self._shown)), start
+        largest, size = _LARGEST / float(np.linalg.norm(self._of.shown(self._id))), start
         while self(size)[number] < POWER:
             size *= _STEP
             if size > largest:
