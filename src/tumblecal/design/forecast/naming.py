@@ -17,11 +17,11 @@ from tumblecal.chain.rig import Rig
 from tumblecal.design.forecast.alias import InUse
 from tumblecal.design.forecast.decisions import Decisions, decisions, detections, identities
 from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
-from tumblecal.design.model.cells import cells_of
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER, VISIBLE
 from tumblecal.effects import Catalogue
 from tumblecal.ground.errors import InputError
+from tumblecal.plan.cells import cells_of
 
 
 # Sizes are tried in steps of this factor, up to this norm of the visible signal (sigma).
