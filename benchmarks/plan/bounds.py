@@ -8,13 +8,13 @@ import numpy as np
 
 from plan.promises import head
 from tumblecal.chain.head_ability import HeadAbility, Times
-from tumblecal.design.criteria.criterion import attitudes_in_use, in_use, mean, volume, worst
-from tumblecal.design.model.cells import cells_of
-from tumblecal.design.model.limits import limits_of
-from tumblecal.design.model.one_visit import one_visit
-from tumblecal.design.model.responses import responses_of
-from tumblecal.design.positions.bounded_search import best_plan
 from tumblecal.ground.errors import InputError
+from tumblecal.plan.bounds import best_plan
+from tumblecal.plan.cells import cells_of
+from tumblecal.plan.criterion import attitudes_in_use, in_use, of_parameters
+from tumblecal.plan.limits import limits_of
+from tumblecal.plan.linear_model import one_visit
+from tumblecal.plan.responses import responses_of
 
 
 PITCH = np.arange(-90.0, 91.0, 15.0)
@@ -35,17 +35,17 @@ def heads(count: int, seed: int) -> None:
         plan = planned(np.random.default_rng(number), number, whole, use)
         seconds.append(time.process_time() - begin)
         made += [plan] if plan is not None else []
-    efficiency = np.array([plan.bounds.efficiency for plan in made])
+    efficiency = np.array([plan.efficiency for plan in made])
     print(f"{count} heads, {count - len(made)} rejected (nothing to determine)")
     print(f"efficiency: median {np.median(efficiency):.3f}, 5 % quantile {np.quantile(efficiency, 0.05):.3f}, "
           f"least {efficiency.min():.3f}; at least 95 %: {np.mean(efficiency >= 0.95):.1%}")  # fmt: skip
-    reasons = Counter(plan.bounds.reason.split(":")[0] for plan in made if plan.bounds.reason)
+    reasons = Counter(plan.reason.split(":")[0] for plan in made if plan.reason)
     print(*(f"  {number}: {reason}" for reason, number in reasons.most_common()), sep="\n")
     print(f"processor time: median {np.median(seconds):.2f} s")
 
 
 def planned(rng: np.random.Generator, seed: int, whole, use):
-    """The plan of a random head; None if nothing is to be determined."""
+    """The bounds of the plan of a random head; None if nothing is to be determined."""
     cells, step = whole.cells, int(rng.choice(STEPS))
     pitch = np.sort(rng.choice(PITCH, rng.integers(2, 6), replace=False))
     labels = [f"M{k}" for k in rng.choice(MOUNTINGS, rng.choice([1, 2, 2, 3]), replace=False)]
@@ -66,8 +66,9 @@ def planned(rng: np.random.Generator, seed: int, whole, use):
     at_position = times.dwell_s + times.settle_s + times.turn_s
     minutes = round((number * at_position + 5 * times.pitch_change_s + times.remount_s) / 60, 1)
     limit = {"count": min(number, len(few.cells))} if rng.random() < 0.5 else {"minutes": minutes}
-    criterion = (worst, mean, volume, lambda own: in_use(use))[int(rng.integers(4))]
+    combine = ("largest", "mean", "volume", "in use")[int(rng.integers(4))]
     try:
-        return best_plan(one_visit(few), criterion(few), limits_of(few.cells, ability, **limit), seed=seed)
+        criterion = in_use(use) if combine == "in use" else of_parameters(combine, few)
+        return best_plan(one_visit(few), criterion, limits_of(few.cells, ability, **limit), seed=seed)[1]
     except InputError:
         return None

@@ -15,24 +15,24 @@ from blind.acting import direction
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.data import PositionSet
-from tumblecal.design.criteria.criterion import worst
-from tumblecal.design.criteria.measure import measures
-from tumblecal.design.criteria.naming_measures import naming_measures
-from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
-from tumblecal.design.forecast.naming import Rates
-from tumblecal.design.model.cells import cells_of
-from tumblecal.design.model.limits import limits_of
-from tumblecal.design.model.one_visit import one_visit
-from tumblecal.design.model.planned_rig import planned_rig
-from tumblecal.design.model.responses import Responses, responses_of
-from tumblecal.design.model.schedule import schedule
-from tumblecal.design.positions.exchange import exchange
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
 from tumblecal.estimation.position_problem import where_of
 from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.errors import InputError
+from tumblecal.plan.cells import cells_of
+from tumblecal.plan.criterion import of_parameters
+from tumblecal.plan.effect_criteria import EffectsOfCells, naming_term
+from tumblecal.plan.exchange import exchange
+from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.plan.forecast.naming import Rates
+from tumblecal.plan.limits import limits_of
+from tumblecal.plan.linear_model import one_visit
+from tumblecal.plan.planned_rig import planned_rig
+from tumblecal.plan.responses import Responses, responses_of
+from tumblecal.plan.schedule import schedule
+from tumblecal.plan.set_value import Term
 
 
 ENTRIES = catalogue()
@@ -187,11 +187,11 @@ def random_head(rng: np.random.Generator) -> Head:
         responses = responses_of(rig, cells_of(rig.ability))
         try:
             if rng.integers(2):
-                factory = measures(one_visit(responses), worst(responses))
+                term = Term(((one_visit(responses), of_parameters("largest", responses)),))
             else:
                 wanted = str(rng.choice(["second_order.y", "third_order.z", "cross_coupling.z.xz"]))
-                factory = naming_measures(rig, responses, (), {wanted: 0.5}, FEW)
-            chosen = exchange(limits_of(responses.cells, rig.ability, count=POSITIONS), factory, restarts=1)
+                term = naming_term(EffectsOfCells(rig, responses, np.zeros(0, int), FEW, 60.0), {wanted: 0.5})
+            chosen = exchange(limits_of(responses.cells, rig.ability, count=POSITIONS), [term], restarts=1)
             return Head(rig, responses, chosen.cells)
         except InputError:
             continue

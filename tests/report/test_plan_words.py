@@ -9,19 +9,19 @@ import pytest
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.plan import grid
 from tumblecal.chain.rig import Rig
-from tumblecal.design.candidates import Evaluated
-from tumblecal.design.common_plans import Positions
-from tumblecal.design.criteria.criterion import Criterion
-from tumblecal.design.forecast.naming import Alias, EffectForecast, NamingForecast
-from tumblecal.design.model.cells import Cells
-from tumblecal.design.model.evaluation import Uncertainties
-from tumblecal.design.model.responses import Responses, Setting
-from tumblecal.design.model.schedule import Schedule
-from tumblecal.design.order.best_order import Ordered
-from tumblecal.design.plan import DesignedPlan
-from tumblecal.design.plan_files import capture_files
-from tumblecal.design.positions.bounds import Bounds
-from tumblecal.design.wanted import Wanted
+from tumblecal.plan.bounds import Bounds
+from tumblecal.plan.candidates import Evaluated
+from tumblecal.plan.cells import Cells
+from tumblecal.plan.common_plans import Positions
+from tumblecal.plan.criterion import Criterion, Part
+from tumblecal.plan.design import DesignedPlan
+from tumblecal.plan.forecast.naming import Alias, EffectForecast, NamingForecast
+from tumblecal.plan.order import Ordered
+from tumblecal.plan.plan_files import capture_files
+from tumblecal.plan.request import Wanted
+from tumblecal.plan.responses import Responses, Setting
+from tumblecal.plan.schedule import Schedule
+from tumblecal.plan.uncertainties import Uncertainties
 from tumblecal.show.plan import plan_lines, words_of_plan
 
 
@@ -60,9 +60,9 @@ def plan():
         ),
         names=("1", "2", "3", "4"),
         measured=0,
-        criterion=Criterion("worst", np.eye(2), "largest"),
+        criterion=Criterion("worst", (Part(np.eye(2), "largest"),)),
         ordered=Ordered(SCHEDULE, 0.2, 0.1998),
-        bounds=Bounds(0.18, 0.19, 0.2, np.zeros(4), (), "whole positions: ...", 0.18),
+        bounds=Bounds(0.18, 0.19, 0.2, (), "whole positions: ...", 0.18),
         after=evaluated("this plan", [0.2, 0.1], effects=(named,), undetectable=("gravity_value",)),
         before=evaluated(
             "plan of the rig file", [0.8, 0.1], undetectable=("a", "b"), effects=(replace(named, named=0.1),)

@@ -14,8 +14,8 @@ from tumblecal.ground.option_texts import angles, numbers, pairs, sizes
 
 if TYPE_CHECKING:
     from tumblecal.chain.rig import Rig
-    from tumblecal.design.wanted import Wanted
     from tumblecal.effects.catalogue import Catalogue
+    from tumblecal.plan.request import Wanted
 
 
 @options
@@ -103,12 +103,12 @@ def plan(
         Example: --out plan17.
     """
     command.begin()
-    from tumblecal.design.plan import design_plan
-    from tumblecal.design.plan_files import RIG, earlier_files, write_plan
     from tumblecal.effects import catalogue
     from tumblecal.effects.rig_with_effects import read_rig_with_effects
     from tumblecal.ground.examples import file_or_example
     from tumblecal.ground.strict_toml import read_toml
+    from tumblecal.plan.design import design_plan
+    from tumblecal.plan.plan_files import RIG, earlier_files, write_plan
     from tumblecal.show.figures.plan import FIGURES
     from tumblecal.show.page import write_page
     from tumblecal.show.plan import plan_lines, print_plan, words_of_plan
@@ -136,7 +136,7 @@ def _allowed(rig: "Rig", options: PlanOptions) -> "Rig":
     **Raises:** `InputError` for a mounting that the rig does not have.
     """
     from tumblecal.chain.head_ability import HeadAbilityTable
-    from tumblecal.design.positions_of_file import require_mounts
+    from tumblecal.plan.positions_of_file import require_mounts
 
     there = rig.plan
     ability = rig.ability or HeadAbilityTable.model_validate({}).ability(
@@ -158,9 +158,9 @@ def _wanted(rig: "Rig", options: PlanOptions, entries: "Catalogue") -> "Wanted":
 
     **Raises:** `InputError` for an option that cannot be read, and options that contradict each other.
     """
-    from tumblecal.design.positions_of_file import positions_of
-    from tumblecal.design.wanted import CRITERIA, Wanted
     from tumblecal.effects.catalogue import entry
+    from tumblecal.plan.positions_of_file import positions_of
+    from tumblecal.plan.request import CRITERIA, Wanted
 
     stated = [part if "=" in part else f"{part}=1" for part in options.criterion.split(",")]
     given = pairs("--criterion", stated, "worst=1,in_use=2", CRITERIA)

@@ -20,9 +20,9 @@ _NO_BOUND = 1.0
 
 
 def visit_precision(
-    common: float | None, again: float, settings: Int[np.ndarray, " visits"]
-) -> Float[np.ndarray, "visits visits"]:
-    """Information on one component of the errors of some visits.
+    common: float | None, again: float, settings: Int[np.ndarray, "*n visits"]
+) -> Float[np.ndarray, "*n visits visits"]:
+    """Information on one component of the errors of some visits, or of each of several lists of visits.
 
     **Arguments:**
 
@@ -30,16 +30,16 @@ def visit_precision(
       visit adds.
     - `settings`: the setting that each visit belongs to.
     """
-    count = len(settings)
+    same, every = settings[..., :, None] == settings[..., None, :], np.eye(settings.shape[-1])
     if common is None and not again:
         # Each visit is unknown without bound if the setting is, and nothing is stated of its repeatability.
-        return np.zeros((count, count))
-    same = settings[:, None] == settings
+        return np.zeros(same.shape)
+    number = same.sum(axis=-1, keepdims=True)
     if common is None:
-        return (np.eye(count) - same / same.sum(axis=1)) / again**2
+        return (every - same / number) / again**2
     # Exactly repeated settings are kept invertible; in closed form the information on the common part keeps its digits.
     variance = max(again**2, 1e-10 * common**2, 1e-18)
-    return (np.eye(count) - same * common**2 / (variance + same.sum(axis=1) * common**2)) / variance
+    return (every - same * common**2 / (variance + number * common**2)) / variance
 
 
 def with_repeatability(priors: Priors, stated: Repeatability, chain: Chain, where: Where) -> Priors:

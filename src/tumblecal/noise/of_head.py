@@ -20,7 +20,7 @@ _KNOTS = 8192
 _HOUR_S = 3600.0
 
 # Covariance of the means of dwells that begin at some instants, g^2, the same on each axis.
-OfStarts = Callable[[Float[np.ndarray, " positions"]], Float[np.ndarray, "positions positions"]]
+OfStarts = Callable[[Float[np.ndarray, "*n positions"]], Float[np.ndarray, "*n positions positions"]]
 
 
 def slow_noise(stated: SlowNoise, times: Times) -> Noise:
@@ -37,20 +37,21 @@ def slow_noise(stated: SlowNoise, times: Times) -> Noise:
 
 
 def drift_shapes(
-    stated: SlowNoise, times: Times, start_s: Float[np.ndarray, " positions"]
-) -> Float[np.ndarray, "positions shapes"]:
+    stated: SlowNoise, times: Times, start_s: Float[np.ndarray, "*n positions"]
+) -> Float[np.ndarray, "*n positions shapes"]:
     """Means over the dwells of one standard deviation of drift and of warm-up, g; without columns if neither is stated.
 
     Drift is zero at the mean time of the dwells, warm-up is full at the start of the first dwell and fades to zero.
     """
     shapes = []
     if stated.drift_g_per_h:
-        shapes.append(stated.drift_g_per_h * (start_s - np.mean(start_s)) / _HOUR_S)
+        shapes.append(stated.drift_g_per_h * (start_s - np.mean(start_s, axis=-1, keepdims=True)) / _HOUR_S)
     if stated.warm_up_g:
         dwell = times.dwell_s / stated.warm_up_time_s
         mean = -np.expm1(-dwell) / dwell
-        shapes.append(stated.warm_up_g * mean * np.exp(-(start_s - np.min(start_s)) / stated.warm_up_time_s))
-    return np.stack(shapes, axis=1) if shapes else np.zeros((len(start_s), 0))
+        since = start_s - np.min(start_s, axis=-1, keepdims=True)
+        shapes.append(stated.warm_up_g * mean * np.exp(-since / stated.warm_up_time_s))
+    return np.stack(shapes, axis=-1) if shapes else np.zeros((*start_s.shape, 0))
 
 
 def slow_covariance(
@@ -77,24 +78,21 @@ def tabulated_covariance(stated: SlowNoise, times: Times, longest_s: float) -> O
     table[-1] = table[-2]
     step, walk = logarithm[1] - logarithm[0], stated.random_walk_g_per_rts**2
 
-    def covariance(start_s: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions positions"]:
-        shapes = drift_shapes(stated, times, start_s)
-        total = shapes @ shapes.T
+    def covariance(start_s: Float[np.ndarray, "*n positions"]) -> Float[np.ndarray, "*n positions positions"]:
+        shapes, same = drift_shapes(stated, times, start_s), np.eye(start_s.shape[-1], dtype=bool)
+        total = shapes @ shapes.swapaxes(-1, -2)
         if terms:
-            lag = np.abs(start_s[:, None] - start_s)
-            np.fill_diagonal(lag, times.dwell_s)
+            lag = np.where(same, times.dwell_s, np.abs(start_s[..., :, None] - start_s[..., None, :]))
             at = np.clip((np.log(lag) - logarithm[0]) / step, 0.0, _KNOTS - 1.0)
             below = at.astype(np.intp)
             at -= below
-            stationary = table[below] * (1 - at) + table[below + 1] * at
-            np.fill_diagonal(stationary, variance)
-            total += stationary
+            total += np.where(same, variance, table[below] * (1 - at) + table[below + 1] * at)
         if walk:
             # `RandomWalk.mean_covariance` for dwells of one length that do not overlap.
-            since = walk * (start_s - start_s.min())
-            common = np.minimum.outer(since, since) + walk * (_SAMPLES - 1) / 2 * period
-            np.fill_diagonal(common, since + walk * (_SAMPLES - 1) * (2 * _SAMPLES - 1) / (6 * _SAMPLES) * period)
-            total += common
+            since = walk * (start_s - start_s.min(axis=-1, keepdims=True))
+            common = np.minimum(since[..., :, None], since[..., None, :]) + walk * (_SAMPLES - 1) / 2 * period
+            alone = since[..., None] + walk * (_SAMPLES - 1) * (2 * _SAMPLES - 1) / (6 * _SAMPLES) * period
+            total += np.where(same, alone, common)
         return total
 
     return covariance

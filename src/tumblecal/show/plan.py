@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from tumblecal.design.model.responses import MOUNT, PITCH
-from tumblecal.design.plan import DesignedPlan
-from tumblecal.design.plan_files import capture_files, run_folder
-from tumblecal.design.positions.bounds import GOOD
 from tumblecal.ground.units import factor
+from tumblecal.plan.bounds import GOOD
+from tumblecal.plan.design import DesignedPlan
+from tumblecal.plan.plan_files import capture_files, run_folder
+from tumblecal.plan.responses import MOUNT, PITCH
 from tumblecal.show.narrow import print_table, print_words
 from tumblecal.show.words import Words, words_of
 

@@ -5,8 +5,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
+from tumblecal.plan.design import DesignedPlan
 from tumblecal.show.figures.drawing import (
     AXIS_COLOUR,
     BAND,

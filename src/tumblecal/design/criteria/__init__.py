@@ -1,1 +1,0 @@
-"""Criteria of a plan, and their values for a growing and shrinking set of positions."""

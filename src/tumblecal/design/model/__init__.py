@@ -1,1 +1,0 @@
-"""What a head can measure, and the covariance of the parameters that a schedule on it determines."""

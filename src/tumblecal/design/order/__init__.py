@@ -1,1 +1,0 @@
-"""The order of positions under slow noise, with the costs of transitions."""

@@ -1,0 +1,240 @@
+"""Forecast of a diagnosis: which effects a plan will detect, name and identify, from which sizes on, and which it cannot.
+
+The residuals of each size are drawn in the residual space and decided as the diagnosis decides (`decisions`). The same draws
+serve all sizes, so rates rise smoothly with the size.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import ndtri
+
+from tumblecal.chain.head_ability import SlowNoise
+from tumblecal.chain.plan import Plan
+from tumblecal.chain.rig import Rig
+from tumblecal.diagnosis.findings.limits import noncentrality
+from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER
+from tumblecal.effects import Catalogue
+from tumblecal.full_model.priors import VISIBLE
+from tumblecal.ground.errors import InputError
+from tumblecal.plan.cells import cells_of
+from tumblecal.plan.forecast.alias import error_in_use
+from tumblecal.plan.forecast.decisions import Decisions, decisions, detections, identities
+from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+
+
+# Sizes are tried in steps of this factor, up to this norm of the visible signal (sigma).
+_STEP, _LARGEST = 1.2, 400.0
+# Detection limits are found from draws so far (sigma) below the closed form, which is that much too high; so many of each.
+_BELOW, _DRAWS_OF_LIMITS = 0.3, 200
+# Cells of a head that stand for all of it.
+_MOST_CELLS = 150
+
+
+@dataclass(frozen=True)
+class EffectForecast:
+    """Forecast for one effect; sizes in `unit`, of every coefficient.
+
+    - `visible_fraction`: share of its signal that the nominal parameters do not absorb.
+    - `detected`, `named`, `identified`: probabilities at `size`: that something is detected; that the effect is named, alone or
+      among explanations of the same signal (as `study power` counts); that it is the verdict `identified`.
+    - `detection_limit`, `smallest_named`, `smallest_identified`: sizes at which these probabilities are 0.8; None: at none.
+    - `identical`: effects that are one function with it at 1 g. `not_separated`: others that make its signal, of `size` or at
+      the detection limit if that is larger, to within what the diagnosis takes for indistinguishable.
+    """
+
+    id: str
+    unit: str
+    size: float
+    visible_fraction: float
+    detected: float
+    named: float
+    identified: float
+    detection_limit: float | None
+    smallest_named: float | None
+    smallest_identified: float | None
+    identical: tuple[str, ...]
+    not_separated: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Alias:
+    """The largest error in use, g, of one effect that the calibration does not know, at a size in its unit."""
+
+    effect: str
+    size: float
+    unit: str
+    error_g: float
+
+
+@dataclass(frozen=True)
+class NamingForecast:
+    """Forecast of the diagnosis of a plan.
+
+    - `effects`: of those asked for. `limits`: size of every effect that is detected with probability 0.8 (every coefficient of
+      this size), None for undetectable ones. `undetectable`: those that the nominal parameters absorb.
+    - `hidden_on_head`: those of them that no positions on this head show, identities at 1 g among them; the choice of positions
+      hides the others.
+    - `alias`: the largest error in use that an effect at its detection limit leaves; `alias_of_undetectable`: the same of
+      undetectable effects of usual size; None if there are none.
+    - `draws`: number of draws of each probability. `not_testable`: reasons by effect.
+    """
+
+    effects: tuple[EffectForecast, ...]
+    limits: dict[str, float | None]
+    undetectable: tuple[str, ...]
+    alias: Alias | None
+    alias_of_undetectable: Alias | None
+    draws: int
+    not_testable: dict[str, str]
+    hidden_on_head: tuple[str, ...] = ()
+
+
+def forecast(
+    rig: Rig, of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0
+) -> NamingForecast:
+    """Forecast of the diagnosis of a rig's plan by its chain with its priors, the noise known.
+
+    **Arguments:**
+
+    - `rig`: of `planned_rig` for a schedule. `of`: its effects.
+    - `effects`: sizes by id, each in the unit of its entry; every coefficient has this size.
+
+    **Raises:** `InputError` for an unknown effect, one that this plan cannot test, or a size that is not above 0.
+    """
+    predicted = forecast_of(of, effects, draws=draws, seed=seed)
+    return replace(predicted, hidden_on_head=hidden_on_head(rig, predicted.undetectable, of.entries))
+
+
+def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0) -> NamingForecast:
+    """`forecast` of a plan's effects, whatever its head can show."""
+    for id, size in effects.items():
+        of.slot(id)
+        if not size > 0:
+            raise InputError(f"{id}: size {size:g}: a size above 0 is needed")
+    limits = {id: detection_limit(of, id, min(draws, _DRAWS_OF_LIMITS), seed) for id in of.ids}
+    usual = {id: of.entries[id].typical for id, limit in limits.items() if limit is None}
+    return NamingForecast(
+        tuple(forecast_of_effect(of, id, size, limits[id], draws, seed) for id, size in effects.items()),
+        limits,
+        tuple(usual),
+        _largest_alias(of, {id: limit for id, limit in limits.items() if limit is not None}),
+        _largest_alias(of, usual),
+        draws,
+        dict(of.model.not_testable),
+    )
+
+
+def hidden_on_head(rig: Rig, ids: Collection[str], entries: Catalogue) -> tuple[str, ...]:
+    """Those of some effects that no positions on a rig's head show, by many of its cells at once."""
+    if rig.ability is None or not ids:
+        return ()
+    cells, own = cells_of(rig.ability), {id: entries[id] for id in ids}
+    if len(cells) > _MOST_CELLS:
+        cells = cells.chosen(np.sort(np.random.default_rng(0).permutation(len(cells))[:_MOST_CELLS]))
+    count, times = len(cells), rig.ability.times
+    degc, plan = cells.temperature_degc, rig.plan
+    everywhere = Plan(
+        tuple(map(str, range(count))),
+        tuple(cells.alpha_deg.tolist()),
+        tuple(cells.beta_deg.tolist()),
+        cells.mounts,
+        ("1",) * count,
+        time_s=None if plan.time_s is None else tuple((times.dwell_s * np.arange(count)).tolist()),
+        temperature_degc=None if degc is None or plan.temperature_degc is None else tuple(degc.tolist()),
+    )
+    of = effects_of_plan(replace(rig, plan=everywhere, ability=replace(rig.ability, slow_noise=SlowNoise())), own)
+    return tuple(id for id in of.ids if np.linalg.norm(of.shown(id)) <= VISIBLE * np.linalg.norm(of.signal(id)))
+
+
+def _largest_alias(of: EffectsOfPlan, sizes: Mapping[str, float]) -> Alias | None:
+    """The largest error in use among effects of these sizes."""
+    listed = (
+        Alias(id, size, of.entries[id].unit, size * float(np.max(np.abs(error_in_use(of, id)))))
+        for id, size in sizes.items()
+    )
+    return max(listed, key=lambda alias: alias.error_g, default=None)
+
+
+def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float | None:
+    """Size in the effect's unit that is detected with probability 0.8; None for an undetectable one.
+
+    The closed form of the diagnosis counts the effect's signal alone, and others that resemble it lower the limit. The root of
+    the test statistic follows the norm of the signal with a standard deviation of one: draws at one norm give the limit.
+    """
+    if not detectable(of, id):
+        return None
+    own, shown = of.causes(id), of.shown(id)
+    norm = float(np.linalg.norm(shown))
+    odds = round(float(of.pool.test_log_weights[own].max()) - max(of.threshold, -2.0), 6)
+    alone = float(np.sqrt(noncentrality(int(of.pool.ranks[own[0]]), odds, of.pool.dof, True))) - _BELOW
+    noise = np.random.default_rng(seed).standard_normal((draws, of.pool.dof))
+    above = _normal_quantile(detections(of, noise + alone / norm * shown)) - float(ndtri(POWER))
+    return (alone - above) / norm
+
+
+def detectable(of: EffectsOfPlan, id: str) -> bool:
+    """Whether the nominal parameters leave a visible part of an effect's signal."""
+    return bool(len(of.causes(id)) and np.linalg.norm(of.shown(id)) > VISIBLE * np.linalg.norm(of.signal(id)))
+
+
+def _normal_quantile(happened: Bool[np.ndarray, " draws"]) -> float:
+    """Standard normal quantile of the probability of what happened in some draws."""
+    return float(ndtri((np.sum(happened) + 0.5) / (len(happened) + 1)))
+
+
+def forecast_of_effect(
+    of: EffectsOfPlan, id: str, size: float, limit: float | None, draws: int, seed: int
+) -> EffectForecast:
+    """Forecast for one effect of a size in its unit; `limit`: about where it is detected, None for an undetectable one."""
+    whole, shown = np.linalg.norm(of.signal(id)), np.linalg.norm(of.shown(id))
+    rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
+    smallest: tuple[float | None, float | None, float | None] = (None, None, None)
+    same = alike = tuple[str, ...]()
+    if limit is not None:
+        same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
+        smallest = rates.smallest(0, limit), rates.smallest(1, limit), rates.smallest(2, limit)
+        alike = not_separated(of, id, max(size, limit), same)
+    visible = float(shown / whole) if whole else 0.0
+    return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, alike)
+
+
+def not_separated(of: EffectsOfPlan, id: str, size: float, identical: tuple[str, ...]) -> tuple[str, ...]:
+    """Effects that make the signal of another one of a size to within what the diagnosis takes for indistinguishable."""
+    signal, found = size * of.shown(id), list[str]()
+    for k in of.pool.effects.tolist():
+        label, block = of.pool.labels[k], of.block(k)
+        rest = signal - block @ (block.T @ signal)
+        if label not in (id, *identical, *found) and rest @ rest < INDISTINGUISHABLE**2:
+            found.append(label)
+    return tuple(found)
+
+
+class Rates:
+    """Shares of draws that are detected, named and identified, by the size of an effect in its unit."""
+
+    def __init__(self, of: EffectsOfPlan, id: str, noise: Float[np.ndarray, "draws nu"]):
+        self._of, self._id, self._noise, self._decided = of, id, noise, dict[float, Decisions]()
+
+    def __call__(self, size: float) -> tuple[float, float, float]:
+        """The shares at a size."""
+        if size not in self._decided:
+            self._decided[size] = decisions(self._of, self._id, self._noise + size * self._of.shown(self._id))
+        detected, named, identified = (float(np.mean(own)) for own in self._decided[size])
+        return detected, named, identified
+
+    def smallest(self, number: int, start: float) -> float | None:
+        """The smallest size with a share of at least `POWER`, in steps from `start` on and interpolated; None if no size that
+        shows by up to `_LARGEST` has it."""
+        largest, size = _LARGEST / float(np.linalg.norm(self._of.shown(self._id))), start
+        while self(size)[number] < POWER:
+            size *= _STEP
+            if size > largest:
+                return None
+        while self(size / _STEP)[number] >= POWER:
+            size /= _STEP
+        low, high = (_normal_quantile(self._decided[own][number]) for own in (size / _STEP, size))
+        share = (float(ndtri(POWER)) - low) / max(high - low, 1e-9)
+        return size * _STEP ** (min(max(share, 0.0), 1.0) - 1.0)

@@ -1,0 +1,162 @@
+"""The linear model of a plan: responses of its positions, and the priors of the parameters and of the errors of each visit.
+
+It has random effects (split plot: Jones and Goos 2007, Applied Statistics 56, 347): the errors of a setting are common to all
+positions of one visit, and are parameters with a prior here. A parameter without a prior has a wide one, so every covariance
+exists; it is undetermined if the positions reduce the variance of that prior by less than a factor of ten.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.estimation.visits import visit_precision
+from tumblecal.plan.responses import Responses
+from tumblecal.plan.schedule import Schedule
+
+
+# Standard deviation of a wide prior, in those that one dwell gives: in a search, whose updates must keep digits, in a result.
+SEARCHED, EVALUATED = 1e3, 1e6
+_SEEN = 0.1
+# A parameter with more than this share in a direction without a bound is undetermined, and one with a larger standard
+# uncertainty in its scale: 1 rad, 1 g, 100 %.
+_SHARE, _MEANINGLESS = 1e-3, 1e3
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Positions and priors. Parameters: the shared ones, scaled as in `Responses`, then the errors of the settings.
+
+    Several lists of positions (n) have one model, of which `covariance` and what follows from it are not defined.
+
+    - `columns` (positions, 3, all): readings, in standard deviations of the white noise. `information`: before these positions.
+    - `free`: variance that stands for "no bound" on each parameter.
+    """
+
+    names: tuple[str, ...]
+    columns: Float[np.ndarray, "*n positions 3 all"]
+    information: Float[np.ndarray, "*n all all"]
+    free: Float[np.ndarray, " all"]
+
+    def information_with(self, positions: Sequence[int] | np.ndarray) -> Float[np.ndarray, "all all"]:
+        """Information after some positions; one that is listed twice is measured twice."""
+        rows = self.columns[np.asarray(positions, int)].reshape(-1, self.columns.shape[2])
+        return self.information + rows.T @ rows
+
+    def covariance(self, positions: Sequence[int] | np.ndarray) -> Float[np.ndarray, "shared shared"]:
+        """Covariance of the shared parameters (scaled) after some positions."""
+        return shared_covariance(self.information_with(positions), len(self.names))
+
+    def free_directions(self, covariance: Float[np.ndarray, "some some"]) -> Float[np.ndarray, "some directions"]:
+        """Combinations of the first parameters, each over its free standard deviation, that their covariance does not bound."""
+        size = np.sqrt(self.free[: len(covariance)])
+        variances, directions = np.linalg.eigh(covariance / np.outer(size, size))
+        return directions[:, variances > _SEEN]
+
+    def unbounded(self, covariance: Float[np.ndarray, "shared shared"]) -> tuple[str, ...]:
+        """Shared parameters that a covariance does not determine."""
+        share = np.linalg.norm(self.free_directions(covariance), axis=1)
+        lost = (share > _SHARE) | (np.diag(covariance) > _MEANINGLESS**2)
+        return tuple(name for name, one in zip(self.names, lost, strict=True) if one)
+
+    def undetermined(self, positions: Sequence[int] | np.ndarray | None = None) -> tuple[str, ...]:
+        """Shared parameters that some positions do not determine; omitted: that all together do not."""
+        return self.unbounded(self.covariance(np.arange(len(self.columns)) if positions is None else positions))
+
+
+def linear_model(
+    responses: Responses,
+    cells: Int[np.ndarray, "*n positions"],
+    visits: Sequence[Int[np.ndarray, "*n positions"]],
+    *,
+    wide: float = SEARCHED,
+    most: tuple[int, int] = (1, 1),
+) -> LinearModel:
+    """The model of positions in some cells, or of each of several lists of positions.
+
+    **Arguments:**
+
+    - `visits`: number of the visit of the pitch setting, and of the mounting, that each position belongs to.
+    - `wide`: standard deviation of a wide prior, in those that one dwell gives.
+    - `most`: visits of each setting that one number stands for: the errors of n visits, each of variance s^2, have at least the
+      covariance of one error of variance s^2 / n that all positions share (by the Cauchy-Schwarz inequality).
+    """
+    columns = [responses.columns[cells] / responses.sd]
+    free = [(wide / _largest(responses.columns / responses.sd)) ** 2]
+    blocks = [responses.information + np.diag(1 / free[0])]
+    labels = responses.cells.pitch, responses.cells.mounting
+    for setting, label, visit, number in zip((responses.pitch, responses.mount), labels, visits, most, strict=True):
+        if setting.exact:
+            continue
+        again, unit = setting.again / np.sqrt(number), setting.columns / responses.sd
+        # Visits of a setting that is repeated exactly have one error.
+        visit = label[cells] if setting.common and not again else visit
+        count, unbounded = int(visit.max()) + 1, wide / float(np.max(_largest(unit)))
+        # Numbers that no visit of a list has are settings of their own.
+        settings = np.tile(-1 - np.arange(count), (*visit.shape[:-1], 1))
+        np.put_along_axis(settings, visit, label[cells], axis=-1)
+        precision = (
+            np.broadcast_to(np.eye(count) / unbounded**2, (*visit.shape[:-1], count, count))
+            if setting.common is None and not again
+            else visit_precision(unbounded if setting.common is None else setting.common, again, settings)
+        )
+        here = visit[..., None, None] == np.arange(count)
+        for component in range(unit.shape[2]):
+            columns.append(unit[cells][..., component, None] * here)
+            blocks.append(precision)
+            free.append(np.full(count, unbounded**2))
+    ends = np.cumsum([block.shape[-1] for block in blocks])
+    information = np.zeros((*cells.shape[:-1], ends[-1], ends[-1]))
+    for block, end in zip(blocks, ends.tolist(), strict=True):
+        information[..., end - block.shape[-1] : end, end - block.shape[-1] : end] = block
+    return LinearModel(responses.names, np.concatenate(columns, axis=-1), information, np.concatenate(free))
+
+
+def scheduled_model(responses: Responses, planned: Schedule, wide: float = EVALUATED) -> LinearModel:
+    """The model of the positions of a schedule, or of several."""
+    return linear_model(responses, planned.cells, (planned.pitch_visit, planned.mount_visit), wide=wide)
+
+
+def one_visit(
+    responses: Responses, measured: Sequence[int] | np.ndarray = (), *, most: tuple[int, int] | None = None
+) -> LinearModel:
+    """The model in which a plan is searched: each combination of temperature, mounting and pitch setting is visited once.
+
+    All cells have one list of parameters then, whichever of them a plan contains, so information is a sum over positions. A
+    mounting that is the only one is not set again when the temperature changes.
+
+    **Arguments:**
+
+    - `measured`: cells that are measured already, in visits of their own.
+    - `most`: the model of up to so many visits of each pitch setting in a mounting, and of each mounting, those of `measured`
+      included: a bound of every order. A change of the temperature sets nothing again, and the last visits are continued.
+    """
+    cells, kept = responses.cells, np.asarray(measured, int)
+    count, pitch, mount = len(cells), cells.group, cells.mounting
+    if most is not None:
+        pitch = np.unique(np.stack([cells.mounting, cells.pitch]), axis=1, return_inverse=True)[1].ravel()
+    elif len(set(cells.mounts)) > 1:
+        mount = np.unique(np.stack([cells.soak, cells.mounting]), axis=1, return_inverse=True)[1].ravel()
+    visits = [np.concatenate([planned, int(planned.max()) + 1 + planned[kept]]) for planned in (pitch, mount)]
+    for visit in visits if most is not None and len(kept) else ():
+        visit[:count][visit[:count] == visit[kept[-1]]] = visit[-1]
+    visits = [np.unique(visit, return_inverse=True)[1].ravel() for visit in visits]
+    both = linear_model(responses, np.concatenate([np.arange(count), kept]), visits, most=most or (1, 1))
+    information = both.information_with(count + np.arange(len(kept)))
+    return replace(both, columns=both.columns[:count], information=information)
+
+
+def shared_covariance(
+    information: Float[np.ndarray, "*n all all"], shared: int
+) -> Float[np.ndarray, "*n shared shared"]:
+    """Covariance of the first parameters, or of each of several; scaled to a unit diagonal for accuracy."""
+    size = 1 / np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
+    scale = size[..., :, None] * size[..., None, :]
+    return (scale * np.linalg.inv(information * scale))[..., :shared, :shared]
+
+
+def _largest(columns: Float[np.ndarray, "cells 3 parameters"]) -> Float[np.ndarray, " parameters"]:
+    """Largest response of any cell to each parameter; that of the others for a parameter without any."""
+    size = np.max(np.linalg.norm(columns, axis=1), axis=0)
+    return np.where(size > 0, size, np.max(size, initial=1e-300))

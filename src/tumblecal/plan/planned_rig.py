@@ -1,0 +1,117 @@
+"""The rig of a designed plan: its positions, and the errors of each visit of a setting with their priors.
+
+A calibration with this rig states the uncertainties of the plan. A simulation has the errors of settings that are set again.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Int
+
+from tumblecal.chain.head_ability import HeadAbility
+from tumblecal.chain.nominal import Leaf
+from tumblecal.chain.plan import Plan
+from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_temperature import RigTemperature
+from tumblecal.chain.where import VISITS
+from tumblecal.noise.of_head import slow_covariance
+from tumblecal.plan.cells import Cells
+from tumblecal.plan.linear_model import scheduled_model, shared_covariance
+from tumblecal.plan.responses import MOUNT, PITCH, Responses, Setting
+from tumblecal.plan.schedule import Schedule
+from tumblecal.plan.uncertainties import information_of
+
+
+# Angles of visits that nothing determines, and that nothing depends on, get this prior, rad: no bound.
+_NO_BOUND = 1.0
+# The index column of the errors of a setting by visit; those without repeated visits, of several mountings and of one.
+_BY = {PITCH: ("pitch_visit", "mount.pitch", "pitch"), MOUNT: ("mount_visit", "mount", None)}
+
+
+def planned_rig(
+    rig: Rig, responses: Responses, schedule: Schedule, ability: HeadAbility, names: tuple[str, ...], seed: int = 0
+) -> Rig:
+    """The rig with the positions of a schedule.
+
+    **Arguments:**
+
+    - `responses`, `ability`: of the rig. `names`: of the positions.
+    - `seed`: of the true errors of visits, which are drawn with the stated repeatability.
+    """
+    cells = responses.cells.chosen(schedule.cells)
+    degc = cells.temperature_degc
+    plan = Plan(
+        names,
+        tuple(cells.alpha_deg.tolist()),
+        tuple(cells.beta_deg.tolist()),
+        cells.mounts,
+        ("1",) * len(cells),
+        time_s=tuple(np.round(schedule.start_s + ability.times.dwell_s / 2, 3).tolist()),
+        temperature_degc=None if degc is None else tuple(degc.tolist()),
+    )
+    leaves, priors, spread = dict(rig.leaves), dict(rig.priors), ability.repeatability
+    no_bound = _open_directions(responses, schedule, ability)
+    for name, setting, visit in (
+        (PITCH, responses.pitch, schedule.pitch_visit),
+        (MOUNT, responses.mount, schedule.mount_visit),
+    ):
+        leaves[name] = _leaf(name, setting, visit, cells)
+        if setting.common == 0.0 and setting.again:
+            # Every visit is independent; also if the leaf is fixed in the rig, but not set exactly again.
+            priors[name] = (0.0, setting.again * setting.scale)
+            spread = replace(spread, **{"pitch" if name == PITCH else "mount": None})
+        elif setting.common is None and not setting.again and no_bound:
+            priors[name] = (0.0, _NO_BOUND)
+    truth = {name: values for name, values in rig.truth.items() if name.partition("_")[0] not in _BY}
+    planned = replace(
+        rig, plan=plan, leaves=leaves, priors=priors, truth=truth, ability=replace(ability, repeatability=spread)
+    )
+    return replace(planned, truth=truth | _truth_of_settings(rig, planned, responses, seed))
+
+
+def _leaf(name: str, setting: Setting, visit: Int[np.ndarray, " positions"], cells: Cells) -> Leaf:
+    """How the errors of a setting are indexed, and whether they are fitted."""
+    by_visit, of_mounts, of_one = _BY[name]
+    labels = [cells.mounting, cells.pitch] if name == PITCH else [cells.mounting]
+    repeated = visit.max() + 1 > len(np.unique(np.stack(labels), axis=1).T)
+    same = setting.exact or (setting.common and not setting.again)
+    if not same and (repeated or (setting.again and setting.common != 0.0)):
+        return Leaf(by_visit)
+    return Leaf(of_mounts if len(set(cells.mounts)) > 1 else of_one, free=not setting.exact)
+
+
+def _open_directions(responses: Responses, schedule: Schedule, ability: HeadAbility) -> bool:
+    """Whether the schedule leaves parameters or errors of visits undetermined."""
+    model = scheduled_model(responses, schedule)
+    slow = slow_covariance(ability.slow_noise, ability.times, schedule.start_s)[0]
+    information = information_of(model, slow / responses.sd**2)
+    return bool(model.free_directions(shared_covariance(information, len(information))).shape[1])
+
+
+def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) -> dict[str, tuple[float, ...]]:
+    """True errors of the settings of a plan: those of the rig where it has the setting, and what each visit adds."""
+    # The settings alone: the present plan need not have the temperatures that other leaves follow.
+    mine = {name: values for name, values in rig.truth.items() if name.partition("_")[0] in _BY}
+    alone = replace(rig, truth=mine, effects=(), temperature=RigTemperature())
+    there, known = rig.plan, {leaf.name: leaf for leaf in alone.true_chain(alone.where).parameters}
+    generator, plan, where = np.random.default_rng(seed), planned.plan, planned.where
+    truth = dict[str, tuple[float, ...]]()
+    for leaf in planned.chain(where).parameters:
+        if leaf.name not in _BY:
+            continue
+        stated, by = np.asarray(known[leaf.name].value, float), known[leaf.name].by
+        of_row = np.zeros(len(there), int) if by is None else rig.where.index(by)
+        group = np.zeros(len(plan), int) if leaf.by is None else np.asarray(where.index(leaf.by))
+        values = np.zeros(leaf.value.shape)
+        for number, k in enumerate(np.unique(group, return_index=True)[1].tolist()):
+            keys = [(there.mounts, plan.mounts[k])]
+            keys += [(there.beta_deg, plan.beta_deg[k])] if leaf.name == PITCH else []
+            rows = [row for row in range(len(there)) if all(column[row] == value for column, value in keys)]
+            if rows:
+                values[number] = stated[np.asarray(of_row)[rows[0]]]
+        setting = responses.pitch if leaf.name == PITCH else responses.mount
+        if leaf.by in VISITS and setting.again:
+            values += setting.again * setting.scale * generator.standard_normal(values.shape)
+        if np.any(values):
+            truth[leaf.name] = tuple(values.ravel().tolist())
+    return truth
