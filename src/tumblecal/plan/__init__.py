@@ -1,1 +1,1 @@
-"""The design of a measurement: positions, their order, and what they will tell."""
+"""The design of a measurement: positions, their order, and forecasts of what they will determine."""
