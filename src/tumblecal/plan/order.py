@@ -155,7 +155,7 @@ class _Orders:
         group = rng.permutation(int(self.cells.group.max()) + 1)
         if first is not None:
             group[self.cells.group[first]] = -1
-        return np.lexsort((rng.random(len(sitting)), group[self.group], [rank.index(one) for one in sitting]))
+        return np.lexsort((rng.random(len(sitting)), group[self.group], np.array([rank.index(one) for one in sitting])))
 
     def visits(self, order: Order) -> list[Order]:
         """The visits of an order: stretches of positions of one temperature, mounting and pitch setting."""

@@ -72,7 +72,7 @@ def schedule(
         start = start + times.settle_s
         return Schedule(order, start, start[..., -1] + times.dwell_s, *numbers)
     start = start + measured.end_s - times.dwell_s
-    columns = [
+    joined, starts, *visits = [
         np.concatenate([np.broadcast_to(known, (*order.shape[:-1], len(measured))), new[..., 1:]], axis=-1)
         for known, new in (
             (measured.cells, path),
@@ -81,4 +81,4 @@ def schedule(
             (measured.mount_visit, measured.mount_visit[-1] + numbers[1]),
         )
     ]
-    return Schedule(*columns[:2], start[..., -1] + times.dwell_s, *columns[2:])
+    return Schedule(joined, starts, start[..., -1] + times.dwell_s, visits[0], visits[1])

@@ -13,7 +13,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import faults_of
 from tumblecal.plan.bounds import Bounds, best_plan
 from tumblecal.plan.candidates import Candidates
-from tumblecal.plan.criterion import Criterion, in_use, of_parameters, weighted
+from tumblecal.plan.criterion import Combine, Criterion, in_use, of_parameters, weighted
 from tumblecal.plan.effect_criteria import EffectsOfCells, alias_term, naming_term
 from tumblecal.plan.exchange import Chosen, exchange
 from tumblecal.plan.limits import Limits, limits_of, most_visits
@@ -156,4 +156,5 @@ def _criterion(
     """A criterion of the covariance by its name."""
     if name.startswith("in_use"):
         return in_use(candidates.use, "mean" if name == "in_use" else "largest")
-    return of_parameters({"worst": "largest"}.get(name, name), responses, parameters)
+    combine: dict[str, Combine] = {"worst": "largest", "mean": "mean", "volume": "volume"}
+    return of_parameters(combine[name], responses, parameters)
