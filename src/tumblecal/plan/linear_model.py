@@ -96,11 +96,9 @@ def linear_model(
         # Numbers that no visit of a list has are settings of their own.
         settings = np.tile(-1 - np.arange(count), (*visit.shape[:-1], 1))
         np.put_along_axis(settings, visit, label[cells], axis=-1)
-        precision = (
-            np.broadcast_to(np.eye(count) / unbounded**2, (*visit.shape[:-1], count, count))
-            if setting.common is None and not again
-            else visit_precision(unbounded if setting.common is None else setting.common, again, settings)
-        )
+        precision = visit_precision(setting.common, again, settings)
+        if setting.common is None:
+            precision = precision + np.eye(count) / unbounded**2
         here = visit[..., None, None] == np.arange(count)
         for component in range(unit.shape[2]):
             columns.append(unit[cells][..., component, None] * here)
