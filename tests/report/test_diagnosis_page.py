@@ -127,7 +127,7 @@ def test_page_of_other_verdicts(kind, request, chromium, tmp_path):
     told = {
         "adequate": "ADEQUATE No error found that 24 positions with 0.1 mg noise can show",
         "mixed_up": "All readings are in m/s²; corrected in this diagnosis unit_error",
-        "by_hand": "24 positions, 24 pitch settings, 1 run",
+        "by_hand": "no pitch setting has four or more spindle angles",
     }
     assert told[kind] in words
     assert ("residual_harmonics.svg" in drawn) == (kind != "by_hand")

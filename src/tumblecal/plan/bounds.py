@@ -31,7 +31,7 @@ GOOD, _CLOSE, _DIVIDED = 0.95, 0.995, 0.975
 # Sets of mountings and temperatures are listed up to this number; more are bounded by their size.
 _LISTED = 127
 _SEARCHES, _MIXED, _PATIENCE, _BISECTIONS = 100, 120, 10, 30
-# Power of the mean that stands for the largest variance; duality gap of a mixture; least share of a plan in it.
+# Power of the mean that replaces the largest variance; duality gap of a mixture; least share of a plan in it.
 _POWER, _GAP, _LEAST = 64.0, 1e-3, 1e-4
 # Share of all cells together in every mixture.
 _FLOOR = 3e-4
@@ -164,9 +164,7 @@ def mixture(
     Mathematical Programming 13, 49).
     """
     smooth, shared = criterion.smooth(_POWER), len(model.names)
-    flat = model.columns.reshape(-1, model.columns.shape[2])
-
-    floor = np.zeros(len(plan))
+    flat, floor = model.columns.reshape(-1, model.columns.shape[2]), np.zeros(len(plan))
     floor[one.cells] = one.positions / len(one.cells)
 
     def at(fractions: np.ndarray) -> tuple[float, Mixture]:
@@ -205,13 +203,13 @@ def mixture(
             )
             shares = np.maximum(solved.x, 0) / np.maximum(solved.x, 0).sum()
         log_value, here = at(shares @ plans)
-        most, plan = _most(limits, one, here.gain)
+        most, added = _most(limits, one, here.gain)
         since = 0 if here.level - most > best[0] + 1e-5 else since + 1
         best = max(best, (here.level - most, here), key=lambda found: found[0])
         if best[0] >= enough or log_value - best[0] < _GAP or since > _PATIENCE:
             break
         kept = shares > _LEAST
-        plans = np.concatenate([plans[kept], plan[None]])
+        plans = np.concatenate([plans[kept], added[None]])
         shares = np.append(0.9 * shares[kept], 0.1) / (0.9 * shares[kept].sum() + 0.1)
     return best[1]
 

@@ -63,14 +63,15 @@ class Criterion:
                 total += weight * np.exp(np.linalg.slogdet(rows @ covariance @ rows.T)[1] / (2 * len(rows)))
             else:
                 across = rows @ covariance
-                last = np.vecdot(across, rows[-1])
-                total += weight * self._combined(combine, np.vecdot(across, rows), last)
+                variances = np.vecdot(across, rows)
+                last = np.vecdot(across, rows[-1]) if combine == "alias" else variances
+                total += weight * self._combined(combine, variances, last)
         return total
 
     def _combined(
         self, combine: Combine, variances: Float[np.ndarray, "*n k"], last: Float[np.ndarray, "*n k"]
     ) -> Float[np.ndarray, "*n"]:
-        """A number from the variances of the functionals, and from their covariances with the last one."""
+        """A number from the variances of the functionals; "alias" from their covariances with the last one (`last`)."""
         if combine == "mean":
             return np.sqrt(np.mean(variances, axis=-1))
         if combine == "alias":
@@ -111,7 +112,10 @@ class Criterion:
                 roots.append(rows.T @ np.linalg.inv(np.linalg.cholesky(now)).T / np.sqrt(2 * count))
                 continue
             variances = np.diag(now)
-            share = np.ones(count) if combine == "mean" else (variances / variances.max()) ** ((self.power or 65) - 1)
+            share = np.ones(count)
+            if combine == "largest":
+                share = variances / variances.max()
+                share = share ** (self.power - 1) if self.power else (share == 1.0) * 1.0
             total = float(share @ variances)
             values.append(weight * np.sqrt(total / share.sum()))
             roots.append(rows.T * np.sqrt(share / (2 * total)))

@@ -20,15 +20,14 @@ from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.priors import EFFECT_TEST_WEIGHT, POWER, SURE
 from tumblecal.effects import Catalogue
-from tumblecal.effects.catalogue import entry
 from tumblecal.full_model.full_model import FullModel, model_of
 from tumblecal.full_model.layout import Slot
 from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
-from tumblecal.ground.units import factor
 from tumblecal.plan.criterion import Combine, Criterion, Part
 from tumblecal.plan.forecast.alias import ATTITUDES, effect_in_use, of_use, sensor_rows
+from tumblecal.plan.forecast.effects_of_plan import slot_of, unit_steps
 from tumblecal.plan.linear_model import LinearModel, one_visit
 from tumblecal.plan.responses import Responses
 from tumblecal.plan.set_value import Term
@@ -74,12 +73,7 @@ class EffectsOfCells:
 
         **Raises:** `InputError` for one that no choice of positions can aim at.
         """
-        model = self._full[0]
-        found = next((slot for slot in model.slots if slot.id == id), None)
-        if found is None:
-            entry(self.entries, id)
-            otherwise = "it acts on the data or on the noise, not on the readings of a position"
-            raise InputError(f"{id}: a plan cannot be designed for it: {model.not_testable.get(id, otherwise)}")
+        found = slot_of(self._full[0], self.entries, id)
         if found.links[0].looks_back:
             raise InputError(f"{id}: depends on the position before; positions cannot be chosen for it, only ordered")
         return found
@@ -90,10 +84,8 @@ class EffectsOfCells:
 
     def signal(self, id: str) -> Float[np.ndarray, "cells 3 1"]:
         """Signal of an effect of size 1 in its unit, every coefficient of this size."""
-        slot, unit, effect = self.slot(id), self.entries[id].unit, self.entries[id]
-        units = dict(zip(slot.all_columns, slot.units, strict=True))
-        sizes = [factor(unit, units[k]) if effect.shows(units[k]) else 0.0 for k in slot.columns]
-        return self.signals(slot) @ (np.array(sizes) / self._full[0].scales[list(slot.columns)])[:, None]
+        slot = self.slot(id)
+        return self.signals(slot) @ unit_steps(self._full[0], self.entries, slot)[:, None]
 
     @property
     def detected(self) -> float:

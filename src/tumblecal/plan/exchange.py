@@ -64,20 +64,15 @@ def exchange(
 def _sets(limits: Limits, rng: np.random.Generator) -> list[Bool[np.ndarray, " cells"]]:
     """Cells of each set of mountings and temperatures of which one position each fits; without a limit of time all at once,
     since none costs anything."""
-    live, first = np.unique(np.where(limits.allowed, limits.sitting, -1), return_index=True)
-    first = dict(zip(live.tolist(), first.tolist(), strict=True))
-    listed = [
-        one for size in range(1, len(live) + 1) for one in combinations([k for k in live.tolist() if k >= 0], size)
-    ]
     if not limits.timed:
-        listed = listed[-1:]
-    number = np.zeros((len(listed), len(limits.cells)), int)
-    for row, one in zip(number, listed, strict=True):
-        row[[first[k] for k in one]] = 1
-    listed = [one for one, row in zip(listed, number, strict=True) if not limits.timed or not limits.exceeded(row)]
+        return [limits.allowed]
+    allowed, count = np.flatnonzero(limits.allowed), len(limits.cells)
+    first = allowed[np.unique(limits.sitting[allowed], return_index=True)[1]]
+    sets = (np.array(one) for size in range(1, len(first) + 1) for one in combinations(first.tolist(), size))
+    listed = [one for one in sets if not limits.exceeded(np.bincount(one, minlength=count))]
     if len(listed) > _SETS:
         listed = [listed[k] for k in np.sort(rng.permutation(len(listed))[:_SETS])]
-    return [np.isin(limits.sitting, one) for one in listed]
+    return [np.isin(limits.sitting, limits.sitting[one]) for one in listed]
 
 
 def _random(limits: Limits, rng: np.random.Generator) -> list[int]:

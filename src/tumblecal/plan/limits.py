@@ -66,16 +66,18 @@ class Limits:
     def duration_s(self, number: Int[np.ndarray, " cells"]) -> float:
         """Duration of so many positions in each cell, settings visited once: at most this, since the spindle need not turn at
         every change of the pitch setting."""
-        times, total = self.times, int(number.sum())
-        if not total:
-            return 0.0
         used = self._used(number)
+        return self._duration_s(int(number.sum()), used, self._remounts(np.flatnonzero(used[2])))
+
+    def _duration_s(self, total: int, used: Sequence[Int[np.ndarray, " labels"]], remounts: int) -> float:
+        """Duration of `total` positions with so many remounts; `used`: as from `_used`."""
+        times = self.times
         distinct, groups, _, soaks = (int(np.count_nonzero(one)) for one in used)
-        return (
+        return (total > 0) * (
             total * (times.dwell_s + times.settle_s)
             + (distinct - 1) * times.turn_s
             + (groups - 1) * times.pitch_change_s
-            + self._remounts(np.flatnonzero(used[2])) * times.remount_s
+            + remounts * times.remount_s
             + (soaks - 1) * times.temperature_change_s
         )
 
@@ -89,12 +91,12 @@ class Limits:
         free = self.allowed & (number < self.repeats) & (total + 1 <= self.count)
         if not self.timed:
             return free
-        rest = self.seconds - self.duration_s(number) - times.dwell_s - times.settle_s + 1e-9
-        if not total and self.present is None:
-            return free & (rest >= 0)
-        at, groups, sittings, soaks = self._used(number)
+        at, groups, sittings, soaks = used = self._used(number)
         here = np.flatnonzero(sittings)
         now = self._remounts(here)
+        rest = self.seconds - self._duration_s(total, used, now) - times.dwell_s - times.settle_s + 1e-9
+        if not total and self.present is None:
+            return free & (rest >= 0)
         remounts = [
             0 if count else self._remounts(np.union1d(here, [k])) - now for k, count in enumerate(sittings.tolist())
         ]

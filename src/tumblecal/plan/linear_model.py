@@ -31,7 +31,7 @@ class LinearModel:
     Several lists of positions (n) have one model, of which `covariance` and what follows from it are not defined.
 
     - `columns` (positions, 3, all): readings, in standard deviations of the white noise. `information`: before these positions.
-    - `free`: variance that stands for "no bound" on each parameter.
+    - `free`: variance of the wide prior of each parameter, "no bound".
     """
 
     names: tuple[str, ...]
@@ -79,7 +79,7 @@ def linear_model(
 
     - `visits`: number of the visit of the pitch setting, and of the mounting, that each position belongs to.
     - `wide`: standard deviation of a wide prior, in those that one dwell gives.
-    - `most`: visits of each setting that one number stands for: the errors of n visits, each of variance s^2, have at least the
+    - `most`: visits of each setting that one number includes: the errors of n visits, each of variance s^2, have at least the
       covariance of one error of variance s^2 / n that all positions share (by the Cauchy-Schwarz inequality).
     """
     columns = [responses.columns[cells] / responses.sd]

@@ -80,16 +80,16 @@ def best_order(
     orders = _Orders(responses, ability, criterion, np.asarray(cells, int), minutes, after)
     rng, given = np.random.default_rng(seed), np.arange(len(cells))
     # The canonical order turns the spindle least; positions of one cell come in the order given.
-    shortest = np.argsort(orders.listed, kind="stable")[
-        np.argsort(np.argsort(in_order(orders.cells, orders.listed, orders.present), kind="stable"), kind="stable")
-    ]
+    shortest = np.empty_like(given)
+    canonical = in_order(orders.cells, orders.listed, orders.present)
+    shortest[np.argsort(canonical, kind="stable")] = np.argsort(orders.listed, kind="stable")
     if kind == "keep":
         order = given
     elif kind == "random":
         order = next((one for one in (orders.random(rng), given, shortest) if orders.fits(one)), shortest)
     else:
         starts = [given, shortest, orders.mirrored(orders.random(rng), rng), orders.mirrored(given, rng)]
-        order = _searched(orders, starts, rng)
+        order = _searched(orders, starts, rng) if len(given) > 1 else given
     planned = orders.scheduled(order)
     if minutes is not None and planned.minutes > minutes:
         least, here = ("at least ", "") if kind == "best" else ("", " in this order")
@@ -204,11 +204,11 @@ class _Orders:
 
 def _searched(orders: _Orders, starts: list[Order], rng: np.random.Generator) -> Order:
     """The best order found from some starts, each improved until changes gain nothing for a while."""
-    rounds = max(3, _EFFORT // (_TRIED * len(starts) * max(1, len(orders.listed))))
-    best = None
-    for order in starts if len(orders.listed) > 1 else starts[:1]:
+    rounds = max(3, _EFFORT // (_TRIED * len(starts) * len(orders.listed)))
+    best = np.inf, starts[0]
+    for order in starts:
         value, since = float(orders.objective(order[None])[0]), 0
-        for _ in range(rounds if len(order) > 1 else 0):
+        for _ in range(rounds):
             tried = np.array([orders.changed(order, rng) for _ in range(_TRIED)])
             values = orders.objective(tried)
             at = int(np.argmin(values))
@@ -217,7 +217,5 @@ def _searched(orders: _Orders, starts: list[Order], rng: np.random.Generator) ->
                 order, value = tried[at], float(values[at])
             if since > _PATIENCE:
                 break
-        if best is None or value < best[0]:
-            best = value, order
-    assert best is not None
+        best = min(best, (value, order), key=lambda found: found[0])
     return best[1]

@@ -14,12 +14,11 @@ from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_temperature import RigTemperature
 from tumblecal.chain.where import VISITS
-from tumblecal.noise.of_head import slow_covariance
 from tumblecal.plan.cells import Cells
-from tumblecal.plan.linear_model import scheduled_model, shared_covariance
+from tumblecal.plan.linear_model import shared_covariance
 from tumblecal.plan.responses import MOUNT, PITCH, Responses, Setting
 from tumblecal.plan.schedule import Schedule
-from tumblecal.plan.uncertainties import information_of
+from tumblecal.plan.uncertainties import scheduled_information
 
 
 # Angles of visits that nothing determines, and that nothing depends on, get this prior, rad: no bound.
@@ -82,9 +81,7 @@ def _leaf(name: str, setting: Setting, visit: Int[np.ndarray, " positions"], cel
 
 def _open_directions(responses: Responses, schedule: Schedule, ability: HeadAbility) -> bool:
     """Whether the schedule leaves parameters or errors of visits undetermined."""
-    model = scheduled_model(responses, schedule)
-    slow = slow_covariance(ability.slow_noise, ability.times, schedule.start_s)[0]
-    information = information_of(model, slow / responses.sd**2)
+    model, information = scheduled_information(responses, schedule, ability)
     return bool(model.free_directions(shared_covariance(information, len(information))).shape[1])
 
 

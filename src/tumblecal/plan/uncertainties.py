@@ -33,12 +33,20 @@ class Uncertainties:
 
 def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility) -> Uncertainties:
     """The standard uncertainties that an exact fit of a schedule states, settings set again and slow noise included."""
-    slow = slow_covariance(ability.slow_noise, ability.times, schedule.start_s)[0]
-    model = scheduled_model(responses, schedule)
-    covariance = shared_covariance(information_of(model, slow / responses.sd**2), len(model.names))
+    model, information = scheduled_information(responses, schedule, ability)
+    covariance = shared_covariance(information, len(model.names))
     lost = np.isin(model.names, model.unbounded(covariance))
     sd = np.where(lost, np.inf, np.sqrt(np.diag(covariance)) * responses.scales)
     return Uncertainties(responses.names, responses.scales, sd, covariance)
+
+
+def scheduled_information(
+    responses: Responses, schedule: Schedule, ability: HeadAbility
+) -> tuple[LinearModel, Float[np.ndarray, "all all"]]:
+    """The model of a schedule, and the information after it under white and slow noise."""
+    slow = slow_covariance(ability.slow_noise, ability.times, schedule.start_s)[0]
+    model = scheduled_model(responses, schedule)
+    return model, information_of(model, slow / responses.sd**2)
 
 
 def information_of(
@@ -48,11 +56,9 @@ def information_of(
 
     **Arguments:** `slow`: covariance of the means on each axis in addition to white noise of one; None: none.
     """
-    rows = model.columns
+    rows = weighted = model.columns
     *lead, count, _, parameters = rows.shape
-    if slow is None:
-        weighted = rows
-    else:
+    if slow is not None:
         weighted = np.linalg.solve(slow + np.eye(count), rows.reshape(*lead, count, -1)).reshape(rows.shape)
     flat, weighted = (each.reshape(*lead, 3 * count, parameters) for each in (rows, weighted))
     return model.information + flat.swapaxes(-1, -2) @ weighted

@@ -49,7 +49,7 @@ def confirmations(
     settings: Collection[float],
     known: Posterior,
     other: Posterior,
-    rival: tuple[str, ...],
+    labels: tuple[str, ...],
 ) -> tuple[Confirmation, ...]:
     """The readings that best separate a cause from its alternative, the largest separation first.
 
@@ -57,7 +57,7 @@ def confirmations(
 
     - `listed`: the proposals, with their `rows`. Only single positions in the present mounting at measured pitch `settings`
       (deg) are used, as the fit predicts these.
-    - `known`, `other`: the named causes and the strongest alternative (`rival`), each fitted to the data.
+    - `known`, `other`: the named causes and the strongest alternative (`labels`), each fitted to the data.
     """
     every, candidates = np.arange(len(rows.new))[:, None], list[Confirmation]()
     (mean, sd), (other_mean, other_sd) = (
@@ -70,7 +70,7 @@ def confirmations(
             continue
         place, axis = (proposal.alpha_deg, proposal.beta_deg, AXES[axes[cell]]), axes[cell]
         expected, predicted, u, expected_u = (float(own[cell, axis]) for own in (mean, other_mean, other_sd, sd))
-        candidates.append(Confirmation(*place, expected, predicted, u, expected_u, rival))
+        candidates.append(Confirmation(*place, expected, predicted, u, expected_u, labels))
     chosen: list[Confirmation] = []
     for reading in sorted(candidates, key=lambda reading: -reading.sd_apart):
         near = any(

@@ -143,10 +143,10 @@ def _proposed(
     (rows, (leader, *others)), own = predicted, [k for cause in diagnosis.members for k in cause.slot.all_columns]
     plan = replace(plan, promise=None if separated is None else separated.promise)
     if own:
-        rivals = [*zip(others, competing.alternatives, strict=True)]
-        rivals = [rival for rival, counts in zip(rivals, counted, strict=True) if counts]
-        rivals.append((rows.posterior(range(model.nominal)), ()))
-        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *rivals[0]))
+        pairs = zip(others, competing.alternatives, counted, strict=True)
+        alternatives = [(other, labels) for other, labels, counts in pairs if counts]
+        alternatives.append((rows.posterior(range(model.nominal)), ()))
+        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *alternatives[0]))
     if worth is not None:
         singles = best_of(listed, rows.cells, separation(competing, predicted, counted), MOST, LEAST_STEP)
         together, value = worth.ordered, sum(one.value for one in worth.ordered)

@@ -31,6 +31,7 @@ def write_diagnosis_page(
         template="diagnosis_page",
         plan=plan,
         verdict=verdict,
+        drawn=drawn,
         sd_mg=1e3 * diagnosis.level * diagnosis.problem.sd,
         pitch_settings=len(np.unique(data.pitch_setting_deg)),
         mountings_measured=len({*(data.mount or "1")}),

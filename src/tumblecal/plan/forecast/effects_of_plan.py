@@ -68,20 +68,12 @@ class EffectsOfPlan:
 
         **Raises:** `InputError` for an effect that the catalogue lacks or that this schedule cannot test.
         """
-        found = next((slot for slot in self.model.slots if slot.id == id), None)
-        if found is None:
-            entry(self.entries, id)
-            on_data = "it acts on the data or on the noise, not on the readings of a position"
-            reason = self.model.not_testable.get(id, on_data)
-            raise InputError(f"{id}: a plan cannot be designed for it: {reason}")
-        return found
+        return slot_of(self.model, self.entries, id)
 
     def signal(self, id: str) -> Float[np.ndarray, " rows"]:
         """White signal of an effect of size 1 in its unit, every coefficient of this size."""
-        slot, effect = self.slot(id), self.entries[id]
-        units = dict(zip(slot.all_columns, slot.units, strict=True))
-        sizes = [factor(effect.unit, units[k]) if effect.shows(units[k]) else 0.0 for k in slot.columns]
-        return self.at.jacobian[:, list(slot.columns)] @ (np.array(sizes) / self.model.scales[list(slot.columns)])
+        slot = self.slot(id)
+        return self.at.jacobian[:, list(slot.columns)] @ unit_steps(self.model, self.entries, slot)
 
     @cached_property
     def absorbed(self) -> Float[np.ndarray, "nominal rows"]:
@@ -106,6 +98,26 @@ class EffectsOfPlan:
     def causes(self, id: str) -> Int[np.ndarray, " own"]:
         """Numbers of an effect among the causes; several for one with several starts, none for one that does not show."""
         return np.array([k for k in self.pool.effects.tolist() if self.pool.labels[k] == id], int)
+
+
+def slot_of(model: FullModel, entries: Catalogue, id: str) -> Slot:
+    """The first link of an effect.
+
+    **Raises:** `InputError` for an effect that the catalogue lacks or that positions of the model cannot test.
+    """
+    found = next((slot for slot in model.slots if slot.id == id), None)
+    if found is None:
+        entry(entries, id)
+        on_data = "it acts on the data or on the noise, not on the readings of a position"
+        raise InputError(f"{id}: a plan cannot be designed for it: {model.not_testable.get(id, on_data)}")
+    return found
+
+
+def unit_steps(model: FullModel, entries: Catalogue, slot: Slot) -> Float[np.ndarray, " columns"]:
+    """Coefficients of an effect of size 1 in its unit, each of this size, in scales of the model."""
+    effect, units = entries[slot.id], dict(zip(slot.all_columns, slot.units, strict=True))
+    sizes = [factor(effect.unit, units[k]) if effect.shows(units[k]) else 0.0 for k in slot.columns]
+    return np.array(sizes) / model.scales[list(slot.columns)]
 
 
 def effects_of_plan(rig: Rig, entries: Catalogue, like: FullModel | None = None) -> EffectsOfPlan:

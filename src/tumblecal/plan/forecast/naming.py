@@ -192,13 +192,13 @@ def forecast_of_effect(
     whole, shown = np.linalg.norm(of.signal(id)), np.linalg.norm(of.shown(id))
     rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
     smallest: tuple[float | None, float | None, float | None] = (None, None, None)
-    same = alike = tuple[str, ...]()
+    same = inseparable = tuple[str, ...]()
     if limit is not None:
         same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
         smallest = rates.smallest(0, limit), rates.smallest(1, limit), rates.smallest(2, limit)
-        alike = not_separated(of, id, max(size, limit), same)
+        inseparable = not_separated(of, id, max(size, limit), same)
     visible = float(shown / whole) if whole else 0.0
-    return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, alike)
+    return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, inseparable)
 
 
 def not_separated(of: EffectsOfPlan, id: str, size: float, identical: tuple[str, ...]) -> tuple[str, ...]:
