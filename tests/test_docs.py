@@ -3,6 +3,7 @@
 import doctest
 import importlib
 import inspect
+import pkgutil
 import re
 import shlex
 import shutil
@@ -105,6 +106,12 @@ def test_messages_of_the_troubleshooting_page_are_the_program_s():
     texts = re.sub(r"([\"'])\s+f?\1", "", source)  # adjacent texts are one
     pieces = [(message, piece) for message in quoted for piece in message.split("…") if len(piece.strip()) > 3]
     assert len(quoted) > 40 and not [both for both in pieces if both[1].strip() not in texts]
+
+
+def test_names_of_the_reference_exist():
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "api").glob("*.md"))
+    names = re.findall(r"(?:^::: |#)(tumblecal\.[\w.]+)", pages, re.M)
+    assert len(names) > 100 and all(pkgutil.resolve_name(name) for name in names)
 
 
 @pytest.mark.parametrize("page", ["architecture", "extending"])
