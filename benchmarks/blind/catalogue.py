@@ -19,7 +19,6 @@ tumblecal.enable_float64()
 from blind.conditions import FAMILIES, THERMAL, several  # noqa: E402
 from blind.judge import UNEXPLAINED, Answer, Case, Outcome, answer_of, interval  # noqa: E402
 from blind_noise import position_set  # noqa: E402
-from tumblecal.diagnosis.detection.reference import References  # noqa: E402
 from tumblecal.diagnosis.findings.determined import combinations  # noqa: E402
 from tumblecal.diagnosis.findings.gain import gain  # noqa: E402
 from tumblecal.diagnosis.refine.insert import fit_with  # noqa: E402
@@ -147,7 +146,7 @@ class Bench:
     """Runs the screen on cases; the model of a plan is made once."""
 
     def __init__(self):
-        self.references, self.entries = References(), catalogue()
+        self.entries = catalogue()
         self.models: dict[int, FullModel] = {}
 
     def __call__(self, case: Hidden, known: bool):
@@ -158,7 +157,7 @@ class Bench:
             self.models[len(data)] = model_of(default_chain(data), where, self.entries)
         model = self.models[len(data)].started(where)
         problem = problem_of(data, model.nominal_chain)
-        screened, noise_wrong, _ = screen_with_noise(Screening(model, self.references.of(model, problem)), problem)
+        screened, noise_wrong, _ = screen_with_noise(Screening(model), problem)
         return screened, tuple(noise_wrong)
 
 

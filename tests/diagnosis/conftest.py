@@ -38,5 +38,5 @@ def hidden():
 
 @pytest.fixture(scope="session")
 def diagnoser():
-    """One for all tests, so that null distributions are drawn and models compiled once."""
+    """One for all tests, so that models are compiled once."""
     return Diagnoser(nested=False)

@@ -10,7 +10,6 @@ from scipy import stats
 import blind_instrument as blind
 import blind_noise
 from blind import plans as blind_plans
-from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.estimation import problem_of
@@ -49,17 +48,16 @@ def test_an_effect_in_noise_that_is_not_as_assumed(diagnoser, kind):
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["unequal", "coloured", "attitude"])
-def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
+def test_p_values_hold_under_the_noise_found(kind, diagnoser):
     """Nothing but the noise is wrong: after the correction p is uniform, to within what estimating the noise costs."""
     rng = np.random.default_rng([11, blind_noise.NOISES.index(kind)])
-    monkeypatch.setattr(detect, "DRAWS", 500)
     values: list[float] = []
     while len(values) < 16:
         setup, readings, _ = blind_noise.case(rng, "3x8", kind, 0.0)
         data = blind_noise.position_set(setup, readings, known=False)
         model = diagnoser._model(None, data, lambda data=data: problem_of(data))
         problem = problem_of(data, model.nominal_chain)
-        screening = Screening(model, diagnoser.references.of(model, problem))
+        screening = Screening(model)
         screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
         if noise_wrong:
             assert assumed_p < 0.05

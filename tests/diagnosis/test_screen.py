@@ -1,18 +1,24 @@
-"""What a plan alone decides; the answer for one file does not depend on the files before it."""
+"""The answer for one file does not depend on the files before it; p-values of the global test."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
-from scipy.spatial.transform import Rotation
+from hypothesis import given
+from hypothesis import strategies as st
 
+from few_effects import few_entries
+from tumblecal.data import PositionSet
+from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.detection import detect
-from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
+from tumblecal.diagnosis.detection.detect import SIZE, statistics, weight_of
+from tumblecal.diagnosis.detection.null_curve import log_p_value, threshold
+from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
+from tumblecal.estimation.position_problem import problem_of, where_of
+from tumblecal.full_model.evidence import log_evidence_of_noise
+from tumblecal.full_model.full_model import model_of
+from tumblecal.full_model.tangent import robust_start, tangent
 from tumblecal.ground.json_file import json_text
-from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.show.diagnosis import record
 
@@ -44,61 +50,42 @@ def leaves(value):
 
 
 @pytest.mark.long
-def test_the_reference_stands_for_data_that_differ_by_small_angles_alone(diagnoser, hidden):
-    """Their own null distribution is not drawn, however close the decision: it passes the plan's quantile as often."""
-    plain = hidden(36, {}, columns=False)
-    diagnosis = diagnoser(plain)
-    reference, at = diagnoser.references.of(diagnosis.model, diagnosis.problem), diagnosis.screened.at
-    assert reference.serves(at)
-    own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
-    # Two quantiles of 6000 draws each: 0.01 +- 0.0018.
-    assert np.mean(own > np.quantile(reference.null, 0.99)) == pytest.approx(0.01, abs=0.005)
-    for other in (
-        hidden(36, {}),  # a temperature that wanders its own way
-        replace(plain, sd=None),
-        replace(plain, sd=plain.sd * np.where(np.arange(len(plain)) % 2, 1.0, 1.004)[:, None]),
-        replace(plain, readings=Rotation.from_euler("y", 3, degrees=True).apply(plain.readings)),
-    ):
-        screened = diagnoser(other).screened
-        assert not diagnoser.references.of(screened.at.model, screened.problem).serves(screened.at)
-
-
-@pytest.mark.long
 def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
-    diagnosis = diagnoser(hidden(36, {}))
-    null = diagnoser.references.of(diagnosis.model, diagnosis.problem).null
-    rng = np.random.default_rng(8)
-    drawn = statistics(
-        diagnosis.screened.pool,
-        diagnosis.screened.alternatives,
-        rng.normal(size=(2000, diagnosis.screened.at.dof)),
-        True,
+    of = diagnoser(hidden(36, {})).screened
+    drawn = statistics(of.pool, of.alternatives, np.random.default_rng(8).normal(size=(2000, of.at.dof)), True)
+    p_values = np.exp(log_p_value(drawn, of.at.dof, True, weight_of(of.pool, of.alternatives)))
+    for level in (0.5, 0.2, 0.05, SIZE):
+        # Four standard deviations of a count, and a tenth for the curve.
+        apart = 4 * np.sqrt(2000 * level * (1 - level)) + 200 * level
+        assert np.sum(p_values < level) == pytest.approx(2000 * level, abs=apart)
+
+
+@given(st.integers(3, 2000), st.booleans(), st.floats(0.3, 1.4), st.floats(1e-6, 0.3))
+def test_a_threshold_has_its_size(dof, known, weight, size):
+    least = threshold(size, dof, known, weight)
+    assert np.exp(log_p_value(np.array(least), dof, known, weight)) == pytest.approx(size, rel=1e-3)
+    statistic = np.linspace(-5, 40, 500)
+    log_p = log_p_value(statistic, dof, known, weight)
+    assert np.all(np.diff(log_p) <= 0)
+    # Ville's inequality for a mean of Bayes factors.
+    assert np.all(log_p <= np.minimum(0.0, np.log(weight) - statistic) + 1e-12)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_unequal_leverages_are_no_heavy_tails(known):
+    """Of unknown attitudes a position leaves one residual, which its three readings share: the mean Bayes factor of Student's t
+    was 240 for white noise."""
+    units = np.random.default_rng(1).normal(size=(40, 3))
+    readings = units / np.linalg.norm(units, axis=1, keepdims=True) + 1e-4 * np.random.default_rng(2).normal(
+        size=(40, 3)
     )
-    p_values = 1 - np.searchsorted(null, drawn) / len(null)
-    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
-    # 2000 trials of probability 0.0085: 17 +- 4.1, and what 6000 draws leave uncertain of the quantile.
-    assert 4 <= np.sum(p_values < SIZE) <= 32
-
-
-def test_a_null_distribution_is_drawn_once_for_a_plan(diagnoser, hidden, monkeypatch, tmp_path):
-    """It is kept on disk for other processes; other plans, other levels of the noise and other causes have their own."""
-    drawn, kept = [], ProgramCache(tmp_path)
-    monkeypatch.setattr(detect, "program_cache", lambda: kept)
-    monkeypatch.setattr(detect, "null_distribution", lambda *told: drawn.append(told) or null_distribution(*told, 300))
-    pool, beside = (own := diagnoser(hidden(37, {})).screened).pool, own.alternatives
-    first, again = (detect.kept_null(pool, beside, False) for _ in range(2))
-    np.testing.assert_array_equal(first, null_distribution(pool, beside, False, 300))
-    np.testing.assert_array_equal(first, again)
-    assert len(drawn) == 1
-    fewer = pool.only(np.arange(1, pool.size))
-    first_tried, *others = beside.noise.listed
-    rarer = replace(beside.noise, listed=(replace(first_tried, log_weight=-9.0), *others))
-    quieter = replace(beside, noise=rarer)
-    for told in ((pool, beside, True), (fewer, beside, False), (pool, quieter, False)):
-        detect.kept_null(*told)
-    assert len(drawn) == 4
-    # A file that somebody changed is not believed.
-    for path in tmp_path.iterdir():
-        path.write_bytes(path.read_bytes()[:-8] + bytes(8))
-    np.testing.assert_array_equal(detect.kept_null(pool, beside, False), first)
-    assert len(drawn) == 5
+    names, sd = tuple(map(str, range(40))), np.full((40, 3), 1e-4) if known else None
+    data = PositionSet(names, *attitudes_of(readings), readings, sd=sd, comments={"attitudes": "unknown"})
+    problem = problem_of(data)
+    model = model_of(problem.chain, where_of(data), few_entries())
+    noise = NoiseAlternatives.of(tangent(model, problem, robust_start(model, problem)))
+    z = np.random.default_rng(3).normal(size=(3000, noise.at.dof))
+    white = log_evidence_of_noise(np.vecdot(z, z), noise.at.dof, known)
+    gain = (noise.log_evidence(z, known) - noise.log_weights).T - white
+    tails = np.array([model.tail is not None for model in noise.listed])
+    assert np.any(tails) and np.all(np.mean(np.exp(gain[tails]), axis=1) < 1.5)

@@ -8,8 +8,7 @@ import pytest
 import tumblecal
 from few_effects import few_entries
 from tumblecal.diagnosis.detection.alternatives import alternatives
-from tumblecal.diagnosis.detection.detect import detect, kept_null
-from tumblecal.diagnosis.detection.reference import Reference
+from tumblecal.diagnosis.detection.detect import detect
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.sets.explanation import verdict_of
 from tumblecal.diagnosis.sets.search import Search
@@ -40,13 +39,12 @@ def test_decisions_are_those_of_the_diagnosis(plan):
     sizes = np.linspace(0.2, 1.2, DRAWS)[:, None]
     z = noise + sizes * plan.shown(EFFECT)
     found = np.array(decisions(plan, EFFECT, z)).T
-    null = kept_null(plan.pool, plan.alternatives, True)
-    screening = Screening(plan.model, Reference(plan.model, plan.at.problem))
+    screening = Screening(plan.model)
     expected = np.zeros((DRAWS, 3), bool)
     for row, one in enumerate(z):
         at = replace(plan.at, residual=plan.at.basis @ one)
         others = alternatives(at, plan.pool.effect_blocks)
-        detection = detect(at, plan.pool, others, null, null_of_data=False)
+        detection = detect(at, plan.pool, others)
         if not detection.detected:
             continue
         search = Search(plan.pool, at.z, True)

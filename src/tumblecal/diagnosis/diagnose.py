@@ -9,7 +9,6 @@ import numpy as np
 from tumblecal.chain import Chain, Forward
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.detection.reference import References
 from tumblecal.diagnosis.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.determined import contradicted_priors, require_determined, require_enough
 from tumblecal.diagnosis.findings.gain import folds
@@ -82,13 +81,12 @@ def _extended(screened: Screened) -> Fit:
 
 @dataclass
 class Diagnoser:
-    """Diagnoses data sets. Compiled models and null distributions of plans are made once and reused.
+    """Diagnoses data sets. Compiled models are made once and reused.
 
     **Arguments:**
 
     - `entries`: the catalogue, with the user's effects if any.
     - `nested`: whether the selection of causes is repeated in every fold of the cross-validation (a second or more).
-    - `references`: null distributions of plans.
     - `usual`: largest usual sizes of parameters, base units, for those that differ from `estimation.plausibility.USUAL`.
 
     Examples:
@@ -103,7 +101,6 @@ class Diagnoser:
     entries: Catalogue = field(default_factory=catalogue)
     nested: bool = True
     usual: Mapping[str, float] = field(default_factory=dict)
-    references: References = field(default_factory=References)
     _models: dict[tuple, FullModel] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -207,19 +204,15 @@ class Diagnoser:
         require_determined(problem, white_rows(model, problem, model.start, model.at_start(problem.where))[1])
         size = RECORDED_SIZE if noises else HAND_HELD_SIZE if model.hand_held else SIZE
 
-        def screening_of(given: Problem) -> Screening:
-            return Screening(model, self.references.of(model, given), size, found=len(mixed), usual=self.usual)
-
+        screening = Screening(model, size, found=len(mixed), usual=self.usual)
         noise = screened = None
         if noises:
             at = tangent(model, problem, robust_start(model, problem))
-            noise, screened = chosen_mean_noise(at, noises, screening_of)
+            noise, screened = chosen_mean_noise(at, noises, screening)
             problem = noise.applied(problem)
-        screening = screening_of(problem)
         screened, noise_wrong, assumed_p_value = screen_with_noise(screening, problem, screened)
         if contradicted := contradicted_priors(screened):
             problem = problem.without_priors({stated.parameter for stated in contradicted})
-            screening = screening_of(problem)
             screened, noise_wrong, _ = screen_with_noise(screening, problem)
         extended = _extended(screened)
         if noise_wrong and extended.computed:
@@ -235,8 +228,7 @@ class Diagnoser:
         """The screen with a tilt of each position, around their fit."""
         model = self._model(fit.problem.chain, fit.data, lambda: fit.problem)
         problem = replace(fit.problem, chain=model.nominal_chain)
-        references = self.references.of(model, problem)
-        screening = Screening(model, references, HAND_HELD_SIZE, found=len(begun.setup_errors) + 1, usual=self.usual)
+        screening = Screening(model, HAND_HELD_SIZE, found=len(begun.setup_errors) + 1, usual=self.usual)
         # A tilt acts in second order too: around the fit, not around a start with the Jacobian of the nominal angles.
         first = screening.around(model.with_nominal(fit.values), problem)
         screened, noise_wrong, _ = screen_with_noise(screening, problem, screening(problem, first))
@@ -272,7 +264,7 @@ class Diagnoser:
         key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *settings_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:
-                self.references.forget(self._models.pop(next(iter(self._models))).layout)
+                self._models.pop(next(iter(self._models)))
             problem = made()
             require_enough(problem)
             self._models[key] = model_of(problem.chain, where, self.entries)

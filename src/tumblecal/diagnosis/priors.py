@@ -107,29 +107,10 @@ SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
 # positions, each outlier position is visible by itself, and with an effect from fewer on. (blind stress
 # --only "outlier(s)*")
 POSITIONS_SIZE, MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE = 0.1, 300, 20
-# A p-value within this factor of the size is close: it is found again from the data set's own null distribution. A plan's own
-# quantiles were within a factor of 1.4 of its data sets', those of another hand-held set's attitudes within four. (by 41 data
-# sets of the stress study with mounts, biases and other noises, and 39 hand-held ones)
-CLOSE, CLOSE_HAND_HELD = 1.5, 4.0
 # In the test noise alternatives have this share of their prior weight.
 ALTERNATIVES_SHARE = 0.2
-DRAWS = 6000
 # Noise comes this far (sigma) once in 10^17 draws.
 FAR = 17.0
-# Of a data set's own null distribution so many draws are expected above the threshold: the p-value of a close
-# decision is known to within a quarter then.
-OWN_DRAWS_ABOVE = 20
-
-# Where the noise is not known, faults are counted against this share of the largest reading.
-TYPICAL_NOISE = 1e-4
-# Sds of the readings within this factor leave the null distribution as it is: quantiles at 0.0085 and 0.05 of equal sds were
-# passed 0.7 to 1.2 times as often, what 6000 draws leave uncertain included (3 x 4, 3 x 8 and 4 x 12 positions). So does what
-# they share from position to position: 0.8 to 1.5 times as often. (autoregressive 0.3 to 0.9, walks)
-EVEN = 5.0
-# So does a known level below this (g), under which no fault that shows is near the noise; from 1e-6 g on it was the same.
-FINE_LEVEL = 1e-3
-# Inputs (g) that differ by less leave the null distribution as it is.
-SAME_INPUTS = 0.02
 
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
 CURVED = 1.0

@@ -65,13 +65,6 @@ class ProgramCache:
         with suppress(OSError):
             (self.folder / name).unlink(missing_ok=True)
 
-    def keep_newest(self, prefix: str, most: int) -> None:
-        """Remove all but the newest entries with this prefix."""
-        with suppress(OSError):
-            entries = sorted(self.folder.glob(f"{prefix}*"), key=lambda path: path.stat().st_mtime)
-            for path in entries[: max(len(entries) - most, 0)]:
-                path.unlink(missing_ok=True)
-
 
 @lru_cache
 def sources_digest(*folders: str) -> str:

@@ -26,7 +26,7 @@ from tumblecal.studies.study_tables import PowerTable, entries_of, noise_of, rig
 
 
 CHUNK = 20  # runs
-# Measured with 48 positions on a slow core: 0.04 s; 0.2 to 0.4 s more where the data set's own null distribution is drawn.
+# Measured with 48 positions on a slow core: 0.04 s.
 SECONDS_A_RUN = 0.05
 COUNTS = ("runs", "detected", "named", "named_alone", "failed")
 

@@ -40,6 +40,11 @@ class Alternatives:
         lack = self._lack_by_size if own else self.lack.by_size(z, known)
         return np.hstack([noise + np.log(ALTERNATIVES_SHARE), self.lack.test_log_evidence(lack)])
 
+    @property
+    def test_log_weights(self) -> Float[np.ndarray, " alternatives"]:
+        """Logarithms of the weights in the test, in the order of `test_log_evidence`."""
+        return np.concatenate([self.noise.log_weights + np.log(ALTERNATIVES_SHARE), self.lack.test_log_weights])
+
     @cached_property
     def by_label(self) -> dict[str, float]:
         """Log evidence of each label, with its prior weight."""

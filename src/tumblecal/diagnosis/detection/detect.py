@@ -1,14 +1,10 @@
 """The global test of the nominal model.
 
-The statistic is the Bayes factor of "one of the single causes on the list" against "no error". Its null distribution is drawn
-on the residual space: the projection is fixed, so thousands of draws cost a few matrix products. The p-value is therefore
-valid for the whole list together (family-wise), with known noise and with unknown. Beyond the draws, Ville's inequality
-P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan, of white noise, which come close to those of any other
-(up to p = 0.1 within a tenth); if the decision is close, those of the data set are drawn, unless it differs from the plan by
-small angles alone.
+The statistic is the Bayes factor of "one of the single causes on the list" against "no error", so its p-value is valid for the
+whole list together (family-wise), with known noise and with unknown. How it is distributed if nothing is wrong is a curve in
+the degrees of freedom (`null_curve`).
 """
 
-import hashlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,28 +13,10 @@ from scipy import special
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.detection.alternatives import Alternatives
-from tumblecal.diagnosis.priors import (
-    CLOSE,
-    CLOSE_HAND_HELD,
-    DRAWS,
-    FAR,
-    OWN_DRAWS_ABOVE,
-    POSITIONS_SIZE,
-    SEVERAL_SHARE,
-    SEVERAL_SIZE,
-    SIZE,
-)
+from tumblecal.diagnosis.detection.null_curve import log_p_value, threshold
+from tumblecal.diagnosis.priors import FAR, POSITIONS_SIZE, SEVERAL_SHARE, SEVERAL_SIZE, SIZE
 from tumblecal.full_model.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.full_model.tangent import Tangent
-from tumblecal.ground.program_cache import program_cache, sources_digest
-
-
-SEED = 20160319
-# So many draws times coefficients at once, which fit into a cache; of large plans no fewer draws than the second number,
-# because every part reads all signals from memory.
-_AT_ONCE, _LEAST_AT_ONCE = 180_000, 150
-# Null distributions on disk, and the residual vectors whose scores are a part of their keys.
-_PREFIX, _MOST_KEPT, _KEY_VECTORS = "null-", 200, 4
 
 
 @dataclass(frozen=True)
@@ -62,46 +40,6 @@ class Detection:
     def detected(self) -> bool:
         """Whether the data contradict the nominal model."""
         return self.statistic > self.threshold
-
-
-def null_distribution(
-    pool: Pool, alternatives: Alternatives | None, known: bool, draws: int = DRAWS
-) -> Float[np.ndarray, " draws"]:
-    """Sorted statistics of data without errors."""
-    rng, near = np.random.default_rng(SEED), _near(pool)
-    count = min(1 + draws * near.stacked.shape[1] // _AT_ONCE, 1 + draws // _LEAST_AT_ONCE)
-    parts = np.array_split(np.arange(draws), count)
-    chunks = [statistics(near, alternatives, rng.standard_normal((len(part), pool.dof)), known) for part in parts]
-    return np.sort(np.concatenate(chunks))
-
-
-def kept_null(pool: Pool, alternatives: Alternatives, known: bool) -> Float[np.ndarray, " draws"]:
-    """`null_distribution`, from disk where it was drawn before and programs are kept.
-
-    Its key contains the inputs of the draws: the scores of every cause for a few residual vectors, which are unique for plan,
-    catalogue and noise, and the sources.
-    """
-    cache = program_cache()
-    if cache is None:
-        return null_distribution(pool, alternatives, known)
-    vectors = np.random.default_rng(SEED).standard_normal((_KEY_VECTORS, pool.dof))
-    digest = hashlib.sha256(sources_digest("diagnosis", "full_model", "noise").encode())
-    for array in (*scores_of_each(pool, alternatives, vectors, known), np.array([pool.dof, known, DRAWS])):
-        digest.update(repr(array.shape).encode() + array.tobytes())
-    name = f"{_PREFIX}{digest.hexdigest()[:32]}"
-    payload = cache.get(name)
-    if payload is not None:
-        return np.frombuffer(payload)
-    drawn = null_distribution(pool, alternatives, known)
-    cache.put(name, drawn.tobytes())
-    cache.keep_newest(_PREFIX, _MOST_KEPT)
-    return drawn
-
-
-def _near(pool: Pool) -> Pool:
-    """Without the faults so large that pure noise never looks like them."""
-    far = pool.faults[pool.offset_squares >= FAR**2]
-    return pool.only(np.setdiff1d(np.arange(pool.size), far))
 
 
 def statistics(
@@ -132,6 +70,15 @@ def scores_of_each(
     return scores
 
 
+def weight_of(pool: Pool, alternatives: Alternatives | None) -> float:
+    """Sum of the weights in the test: of the causes that noise alone may look like, and of the alternatives."""
+    near = pool.offset_squares < FAR**2
+    logs = [*(tested.log_weights for tested in pool.tested), pool.test_log_weights[pool.faults[near]]]
+    if alternatives is not None:
+        logs.append(alternatives.test_log_weights)
+    return float(np.sum(np.exp(np.concatenate(logs))))
+
+
 def detected_together(detection: Detection, log_odds: float, size: float = SIZE) -> Detection:
     """The outcome where several causes together contradict the nominal model, each hidden by the others' part of an
     unknown noise; the same outcome where they do not.
@@ -160,46 +107,24 @@ def _detected_by(detection: Detection, statistic: float, threshold: float, p_val
 
 
 def detect(
-    at: Tangent,
-    pool: Pool,
-    alternatives: Alternatives,
-    null: Float[np.ndarray, " draws"],
-    size: float = SIZE,
-    *,
-    null_of_data: bool = True,
+    at: Tangent, pool: Pool, alternatives: Alternatives, size: float = SIZE, *, level_estimated: bool = False
 ) -> Detection:
     """Test the residuals of a problem.
 
     **Arguments:**
 
     - `at`, `pool`, `alternatives`: the linearised problem, its causes, and other noise models and lack of fit.
-    - `null`: null distribution of the plan.
     - `size`: false alarms allowed, all causes together.
-    - `null_of_data`: whether the null distribution of these data may differ from that of the plan.
+    - `level_estimated`: whether the level of a noise that counts as known was estimated from these data.
     """
-    z, known = at.z, at.problem.known
-    statistic = float(statistics(pool, alternatives, z[None], known)[0])
-    close = CLOSE_HAND_HELD if at.model.hand_held else CLOSE
-    if null_of_data and size / close < _p_value(statistic, null) < size * close:
-        draws = min(DRAWS, round(OWN_DRAWS_ABOVE / size))
-        null = null_distribution(pool.in_units_of(at.rough_level), alternatives, known, draws)
-    chi2 = float(z @ z)
+    known, chi2 = at.problem.known, float(at.z @ at.z)
+    statistic = statistics(pool, alternatives, at.z[None], known)[0]
+    null = pool.dof, known and not level_estimated, weight_of(pool.in_units_of(at.rough_level), alternatives)
     return Detection(
-        statistic=statistic,
-        p_value=_p_value(statistic, null),
-        threshold=_quantile(null, 1 - size),
+        statistic=float(statistic),
+        p_value=float(np.exp(log_p_value(statistic, *null))),
+        threshold=threshold(size, *null),
         dof=pool.dof,
         chi2=chi2,
         chi2_p_value=float(special.gammaincc(pool.dof / 2, chi2 / 2)) if known else None,
     )
-
-
-def _quantile(null: Float[np.ndarray, " draws"], share: float) -> float:
-    """The value that this share of sorted draws lies below."""
-    return float(np.interp(share * (len(null) - 1), np.arange(len(null)), null))
-
-
-def _p_value(statistic: float, null: Float[np.ndarray, " draws"]) -> float:
-    above = len(null) - int(np.searchsorted(null, statistic))
-    p_value = (above + 1) / (len(null) + 1)
-    return min(p_value, float(np.exp(-statistic))) if above == 0 else p_value

@@ -62,6 +62,11 @@ class LackOfFit:
         shares = self.listed.share[self.numbers]
         return np.log(shares / np.sum(shares * (1 + (self.listed.kinds.width[self.numbers] > 1))))
 
+    @property
+    def test_log_weights(self) -> Float[np.ndarray, " processes"]:
+        """Logarithms of the weights in the test."""
+        return self.log_shares + np.log(LACK_OF_FIT_TEST_WEIGHT)
+
     def by_size(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
         """Log evidence of each process and size, on the scale of `evidence.log_evidence`."""
         if len(z) == 1:
@@ -76,7 +81,7 @@ class LackOfFit:
         self, by_size: Float[np.ndarray, "processes sizes draws"]
     ) -> Float[np.ndarray, "draws processes"]:
         """Log evidence of each with its weight in the test, the size averaged over."""
-        return self._averaged(by_size).T + np.log(LACK_OF_FIT_TEST_WEIGHT)
+        return mean_over_sizes(by_size).T + self.test_log_weights
 
     def log_evidence(
         self, by_size: Float[np.ndarray, "processes sizes 1"], z: Float[np.ndarray, " nu"], known: bool

@@ -17,6 +17,8 @@ from tumblecal.ground.showing import brief
 
 # Steps of the scale of Student's t, each towards the highest likelihood.
 _STEPS = 8
+# Rows that keep less than this share of a dimension show nothing of the noise.
+_LEAST_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -102,52 +104,57 @@ class NoiseAlternatives:
         self, z: Float[np.ndarray, "draws nu"], tails: Float[np.ndarray, " tails"], known: bool, of_means: bool
     ) -> Float[np.ndarray, "tails draws"]:
         """Log evidence of Student's t against the normal: of the readings' residuals, each with its own best scale (profile
-        likelihood), or of means over repeats whose differences show the scale."""
+        likelihood), or of means over repeats whose differences show the scale.
+
+        The residuals have fewer dimensions than rows: each is counted in its own standard deviation and for its share of the
+        dimensions (one minus its leverage), or unequal leverages would look like heavy tails.
+        """
         rows, dof, total = self.at.basis[: self.at.problem.readings.size], z.shape[1], np.vecdot(z, z)
         variance = np.ones(len(z)) if known else total / dof
-        free, of_differences = 0.0, np.zeros(len(z))
+        of_differences = np.zeros(len(z))
         if of_means:
             turned, mean = self.repeats.turned(rows), np.repeat(self.repeats.is_mean, 3)
-            residuals, differences, free = z @ turned[mean].T, z @ turned[~mean].T, float(np.sum(turned[~mean] ** 2))
+            rows, differences, free = turned[mean], z @ turned[~mean].T, float(np.sum(turned[~mean] ** 2))
             shown = np.vecdot(differences, differences)
             pure = variance if known else np.maximum(shown / free, 1e-12 * variance)
             of_differences = -0.5 * (free * np.log(pure / variance) + shown * (1.0 / pure - 1.0 / variance))
-            scale, spread = np.broadcast_to(pure, (len(tails), len(z))), variance
-        else:
-            residuals = z @ rows.T
-            spread = variance if known else np.mean(residuals**2, axis=1)
-            scale = np.ones((len(tails), len(z))) if known else _best_scale(residuals**2, tails, variance)
-        gain = _log_t(residuals, tails, scale) - _log_normal(residuals, spread)
-        # The t's likelihood is that of residuals which have fewer dimensions than rows.
-        return log_evidence_of_noise(total, dof, known) + of_differences + gain * (dof - free) / residuals.shape[1]
+        share = np.vecdot(rows, rows)
+        rows, share = rows[share > _LEAST_SHARE], share[share > _LEAST_SHARE]
+        squares = (z @ rows.T) ** 2 / share
+        spread = variance if known or of_means else squares @ share / np.sum(share)
+        scale = np.tile(pure if of_means else variance, (len(tails), 1))
+        if not (known or of_means):
+            scale = _best_scale(squares, share, tails, variance)
+        gain = (_log_t(squares, tails, scale) - _log_normal(squares, spread)) @ share
+        return log_evidence_of_noise(total, dof, known) + of_differences + gain
 
 
 def _best_scale(
-    squares: Float[np.ndarray, "draws readings"],
+    squares: Float[np.ndarray, "draws rows"],
+    share: Float[np.ndarray, " rows"],
     tails: Float[np.ndarray, " tails"],
     variance: Float[np.ndarray, " draws"],
 ) -> Float[np.ndarray, "tails draws"]:
     """The squared scale of the highest likelihood of Student's t, by reweighting (Lange, Little and Taylor 1989)."""
     scale, tail = np.tile(0.5 * variance, (len(tails), 1)), tails[:, None, None]
     for _ in range(_STEPS):
-        scale = np.mean((tail + 1) / (tail + squares / scale[:, :, None]) * squares, axis=2)
+        scale = ((tail + 1) / (tail + squares / scale[:, :, None]) * squares) @ share / np.sum(share)
     return np.maximum(scale, 1e-12 * np.maximum(variance, 1e-300))
 
 
 def _log_t(
-    rows: Float[np.ndarray, "draws readings"],
+    squares: Float[np.ndarray, "draws rows"],
     tails: Float[np.ndarray, " tails"],
     scale: Float[np.ndarray, "tails draws"],
-) -> Float[np.ndarray, "tails draws"]:
-    """Log likelihood of Student's t with these degrees of freedom and squared scales."""
+) -> Float[np.ndarray, "tails draws rows"]:
+    """Log densities of Student's t with these degrees of freedom and squared scales."""
     constant = gammaln((tails + 1) / 2) - gammaln(tails / 2) - 0.5 * np.log(tails * np.pi)
-    relative = rows**2 / scale[:, :, None] / tails[:, None, None]
-    student = -0.5 * (tails[:, None] + 1) * np.sum(np.log1p(relative), axis=2)
-    return student + rows.shape[1] * (constant[:, None] - 0.5 * np.log(scale))
+    student = -0.5 * (tails[:, None, None] + 1) * np.log1p(squares / (scale[:, :, None] * tails[:, None, None]))
+    return student + (constant[:, None] - 0.5 * np.log(scale))[:, :, None]
 
 
 def _log_normal(
-    rows: Float[np.ndarray, "draws readings"], variance: Float[np.ndarray, " draws"]
-) -> Float[np.ndarray, " draws"]:
-    """Log likelihood of the normal distribution of these variances."""
-    return -0.5 * rows.shape[1] * np.log(2 * np.pi * variance) - 0.5 * np.sum(rows**2, axis=1) / variance
+    squares: Float[np.ndarray, "draws rows"], variance: Float[np.ndarray, " draws"]
+) -> Float[np.ndarray, "draws rows"]:
+    """Log densities of the normal distribution of these variances."""
+    return -0.5 * (np.log(2 * np.pi * variance)[:, None] + squares / variance[:, None])

@@ -3,7 +3,6 @@
 The screen weighs sets of causes under the noise as assumed, and noise models without any cause. Here both vary (`noise_table`).
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from math import prod
 from typing import NamedTuple
@@ -141,7 +140,7 @@ def _without_correction(screening: Screening, problem: Problem, corrected: Scree
     if not any(cause.slot.columns for cause in members):
         return None
     fit = corrected.fit or fit_with(corrected.at, members)
-    plain = screening.around(fit.vector, problem, corrected.pool.visible, likely=members)
+    plain = screening.around(fit.vector, problem, corrected.pool, likely=members)
     same = plain.detection.detected and plain.best.labels == corrected.best.labels
     return plain if same and noise_change(plain) is None else None
 
@@ -237,9 +236,7 @@ def _free_level(screened: Screened) -> NoiseChange | None:
     return NoiseChange(level, best, odds, float(np.exp(-np.logaddexp(0.0, -odds))))
 
 
-def chosen_mean_noise(
-    at: Tangent, noises: list[MeanNoise], screening_of: Callable[[Problem], Screening]
-) -> tuple[MeanNoise, Screened | None]:
+def chosen_mean_noise(at: Tangent, noises: list[MeanNoise], screening: Screening) -> tuple[MeanNoise, Screened | None]:
     """The noise of a recording that goes best with the scatter of the positions, causes allowed.
 
     **Arguments:**
@@ -252,7 +249,7 @@ def chosen_mean_noise(
     for _ in noises:
         # The levels separate them too: all of them count as known here.
         problem = chosen.applied(at.problem, known=True)
-        screened = screening_of(problem)(problem)
+        screened = screening(problem)
         others = [(noise, _as_model(noise, screened.at)) for noise in noises if noise is not chosen]
         # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
         listed = (*(model for _, model in others), *screened.alternatives.noise.listed)

@@ -12,7 +12,6 @@ from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.causes.sign_variants import sign_variants
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
 from tumblecal.diagnosis.detection.detect import Detection, detect, detected_positions, detected_together
-from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.priors import CURVED, MOST_RELINEARISATIONS, PROMISING, RIVAL_SHARE, SIZE, UNMOVED
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
@@ -45,7 +44,6 @@ class Screening:
     """The screen of the problems of one plan, which differ in their readings and noise.
 
     - `model`: the chain with every testable effect in it.
-    - `reference`: properties of the plan.
     - `size`: false alarms allowed, all causes together.
     - `corrected`: whether the noise was corrected from the data: its level is then unknown.
     - `noise_stands`: whether the stated noise is used in any case, because the readings were computed.
@@ -55,7 +53,6 @@ class Screening:
     """
 
     model: FullModel
-    reference: Reference
     size: float = SIZE
     corrected: bool = False
     noise_stands: bool = False
@@ -98,7 +95,7 @@ class Screening:
         errors."""
         starts = [first]
         if screened.large:
-            starts.append(self.around(self.model.start, screened.problem, screened.pool.visible))
+            starts.append(self.around(self.model.start, screened.problem, screened.pool))
         for start in starts:
             varied = self._with_signs(start)
             for members in varied.with_signs[:_MOST_VARIED]:
@@ -106,7 +103,7 @@ class Screening:
                 fit = fit_with(varied.at, causes)
                 if not fit.code.good or varied.search.posterior_at(members, fit.chi2) < screened.top - PROMISING:
                     continue
-                around = self.around(fit.vector, screened.problem, screened.pool.visible, causes)
+                around = self.around(fit.vector, screened.problem, screened.pool, causes)
                 again = self._relinearised(around)
                 if again.detection.detected and again.improves(screened):
                     screened = again
@@ -123,7 +120,7 @@ class Screening:
 
     def _relinearised(self, screened: Screened) -> Screened:
         """The screen repeated around the exact fit of what leads, until that agrees with it."""
-        visible, tried = screened.pool.visible, set[tuple[str, ...]]()
+        like, tried = screened.pool, set[tuple[str, ...]]()
         before: tuple[tuple[int, ...], float] = (), np.nan
         for _ in range(MOST_RELINEARISATIONS):
             members = screened.members
@@ -148,7 +145,7 @@ class Screening:
                 screened = replace(screened, fit=own)
                 break
             before = screened.best.members, fit.chi2
-            again = self.around(fit.vector, screened.problem, visible, members)
+            again = self.around(fit.vector, screened.problem, like, members)
             if not again.detection.detected:
                 break
             screened = again
@@ -158,19 +155,19 @@ class Screening:
         self,
         vector: Float[np.ndarray, " full"],
         problem: Problem,
-        visible: frozenset[str] | None = None,
+        like: Pool | None = None,
         likely: Sequence[Cause] = (),
     ) -> Screened:
-        """The screen with the model linearised at a full vector; `visible` as of `pooled`; `likely`: causes whose effects are
-        evaluated together in any case."""
+        """The screen with the model linearised at a full vector; `like`: the causes around the nominal fit, whose generic terms
+        and visible effects are used again; `likely`: causes whose effects are evaluated together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        pool = pooled(at, level, self.reference.generic, visible).without(self.impossible)
+        chosen = (like.generic, like.visible) if like else ()
+        pool = pooled(at, level, *chosen).without(self.impossible)
         others = alternatives(at, pool.effect_blocks)
         if self.noise_stands:
             others = replace(others, noise=replace(others.noise, listed=()))
-        null = self.reference.null_of_unknown if self.corrected else self.reference.null
-        detection = detect(at, pool, others, null, self.size, null_of_data=not self.reference.serves(at))
+        detection = detect(at, pool, others, self.size, level_estimated=self.corrected)
         search = Search(pool, at.z, known, self.found)
         if not detection.detected and not known:
             none = float(log_evidence_of_noise(at.z @ at.z, pool.dof, known))

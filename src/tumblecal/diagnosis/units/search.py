@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.detection.detect import null_distribution
+from tumblecal.diagnosis.detection.detect import weight_of
+from tumblecal.diagnosis.detection.null_curve import log_p_value, threshold
 from tumblecal.diagnosis.priors import (
     HEAD_ROUNDS,
     LEAST_SPREAD_ODDS,
@@ -207,7 +208,6 @@ def _posterior(tried: Sequence[Hypothesis]) -> JointPosterior:
         return JointPosterior(listed, -np.inf, np.inf, 1.0, 0)
     log_odds = float(np.logaddexp.reduce(scores[with_error], initial=-np.inf)) - null.without
     statistic = log_odds - float(np.log(1 - SIZE_PRIOR[0]) - np.log(SIZE_PRIOR[0]))
-    draws = null_distribution(pool, None, True)
-    above = len(draws) - int(np.searchsorted(draws, statistic))
-    p_value = (above + 1) / (len(draws) + 1) if above else min(1 / (len(draws) + 1), float(np.exp(-statistic)))
-    return JointPosterior(listed, statistic, float(np.quantile(draws, 1 - SIZE)), p_value, pool.dof)
+    of_null = pool.dof, True, weight_of(pool, None)
+    p_value = float(np.exp(log_p_value(statistic, *of_null)))
+    return JointPosterior(listed, statistic, threshold(SIZE, *of_null), p_value, pool.dof)

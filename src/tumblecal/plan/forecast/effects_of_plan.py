@@ -13,7 +13,8 @@ from jaxtyping import Float, Int
 from tumblecal.chain.rig import Rig
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
-from tumblecal.diagnosis.detection.detect import kept_null
+from tumblecal.diagnosis.detection.detect import weight_of
+from tumblecal.diagnosis.detection.null_curve import threshold
 from tumblecal.diagnosis.priors import SIZE
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import entry
@@ -55,8 +56,8 @@ class EffectsOfPlan:
     @cached_property
     def threshold(self) -> float:
         """Test statistic from which on the data are not adequate."""
-        null = kept_null(self.pool, self.alternatives, self.at.problem.known)
-        return float(np.interp((1 - SIZE) * (len(null) - 1), np.arange(len(null)), null))
+        weight = weight_of(self.pool, self.alternatives)
+        return threshold(SIZE, self.pool.dof, self.at.problem.known, weight)
 
     @property
     def model(self) -> FullModel:
