@@ -23,7 +23,7 @@ class Header:
 
     - `source`: the program that writes it. `names`: of the columns, in order; `codes`: the quantities in them.
     - `separator`: between cells. `per_g`: how many of its unit make one g; `per_dps` one deg/s.
-    - `asks`: whether a question is the right answer (no gravity in it, or two sensors).
+    - `asks`: whether a question is the right answer (no gravity in it, two sensors, times without a unit).
     """
 
     source: str

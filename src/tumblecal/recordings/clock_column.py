@@ -46,7 +46,8 @@ def clock_among(first: pl.DataFrame, free: Sequence[str], notes: list[str]) -> C
     notes += [f"column {name} does not rise: no clock" for name in named if name not in usable]
     for other in usable[1:2]:
         notes.append(f"clock: {usable[0]}, not {other}; to override: --columns {shlex.quote(f'time={other}')}")
-    found = usable or dated
+    stated = [name for name in usable if parsed(name).unit or name in dated or name in composed]
+    found = stated or dated or usable
     return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 
 
