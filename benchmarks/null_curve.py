@@ -52,7 +52,7 @@ def measured(kind: str, count: int, settings: int, seed: int) -> tuple[blind.Set
         setup.alpha, setup.beta, setup.pitch = setup.alpha[order], setup.beta[order], setup.pitch[order]
     if kind == "random":
         setup.alpha = np.radians(np.round(rng.uniform(0, 360, len(setup.alpha)), 1))
-        setup.beta = np.radians(np.sort(rng.choice(np.arange(0, 181, 5), settings, replace=False)))[setup.pitch]
+        setup.beta = np.radians(np.sort(rng.choice(np.arange(0, 91, 5), settings, replace=False)))[setup.pitch]
     clean = blind.readings(setup, setup.nominal, {})
     return setup, clean + blind.SIGMA * rng.normal(size=clean.shape)
 
@@ -81,7 +81,7 @@ def others(seed: int) -> Iterator[tuple[str, PositionSet, dict]]:
             yield f"hand {count} {'known' if known else 'unknown'}", data, {}
     for kind in ("flicker", "walk", "Gauss-Markov"):
         yield kind, recorded(kind, seed)[0], {}
-    priors = {name: (0.0, sd) for name, sd in (("dK_x", 3e-3), ("bias_x", 3e-3), ("gamma_yz", 1e-3), ("dbeta_1", 3e-3))}
+    priors = {name: (0.0, sd) for name, sd in (("dK_x", 3e-3), ("bias_x", 3e-3), ("gamma_21", 1e-3), ("dbeta_1", 3e-3))}
     for known in (True, False):
         data = position_set(*measured("grid", 24, 3, seed), known)
         yield f"priors {'known' if known else 'unknown'}", data, {"priors": priors}
