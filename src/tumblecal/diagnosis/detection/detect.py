@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import computed_field
 from scipy import special
 
 from tumblecal.diagnosis.causes.pool import Pool
@@ -55,8 +56,14 @@ class Detection:
     p_value: float
     threshold: float
     dof: int
-    chi2: float
+    chi2: float | None
     chi2_p_value: float | None
+
+    @computed_field
+    @property
+    def noise(self) -> str:
+        """Whether the noise is `stated` or `estimated`."""
+        return "estimated" if self.chi2 is None else "stated"
 
     @property
     def detected(self) -> bool:
@@ -189,7 +196,7 @@ def detect(
         p_value=_p_value(statistic, null),
         threshold=_quantile(null, 1 - size),
         dof=pool.dof,
-        chi2=chi2,
+        chi2=chi2 if known else None,
         chi2_p_value=float(special.gammaincc(pool.dof / 2, chi2 / 2)) if known else None,
     )
 
