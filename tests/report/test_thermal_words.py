@@ -72,7 +72,7 @@ def result(**more):
         "choice": choice(),
         "signals": (),
         "combinations": (),
-        "coefficients": (),
+        "coefficients": {},
         "noise_factor": 1.0,
     }
     return Record(**(own | more))

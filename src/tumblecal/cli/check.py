@@ -233,8 +233,9 @@ def _write(
     from tumblecal.show.page import write_page
     from tumblecal.show.verdict import verdict_lines
 
-    text = "\n".join(verdict_lines(words.verdict))
-    CheckRecord.of(result, **source, update=update, text=text).write(folder / "check.json")
+    CheckRecord.of(result, **source, update=update, text="\n".join(verdict_lines(words.verdict))).write(
+        folder / "check.json"
+    )
     if more.figures is not False:
         write_page(folder / "check.html", words, FIGURES, result)
 
