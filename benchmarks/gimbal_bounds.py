@@ -75,12 +75,12 @@ def rig_budget() -> "Budget":
 
 def largest_by_input(whole: "Budget") -> dict[str, dict[str, float]]:
     """The largest uncertainties of each kind by each input alone, for an input of one degree."""
-    from tumblecal.budget.record import budget_content
+    from tumblecal.budget.record import budget_record
 
     made = {}
     for given, shift in zip(whole.inputs, whole.shifts, strict=True):
         one = replace(whole, inputs=(given,), shifts=(shift / np.degrees(given.u),))
-        made[given.label] = largest_uncertainties(budget_content(one, None))
+        made[given.label] = largest_uncertainties(budget_record(one, None).plain())
     return made
 
 
@@ -100,10 +100,10 @@ def input_table(by_input: dict[str, dict[str, float]]) -> list[str]:
 
 def main() -> None:
     """Print both tables."""
-    from tumblecal.budget.record import budget_content
+    from tumblecal.budget.record import budget_record
 
     whole = rig_budget()
-    print("\n".join(table(largest_uncertainties(budget_content(whole, None)))), end="\n\n")
+    print("\n".join(table(largest_uncertainties(budget_record(whole, None).plain()))), end="\n\n")
     print("\n".join(input_table(largest_by_input(whole))))
 
 

@@ -80,7 +80,7 @@ def test_a_calibration_states_the_uncertainties_of_a_plan_in_a_chamber(content, 
     # Measured temperatures are those of one soak. Each new temperature is set once.
     assert {*degc} == ({0.0, 25.0, 50.0} if wanted.measured else {0.0, 50.0})
     assert np.count_nonzero(np.diff(degc)) == len({*degc}) - 1
-    assert {"bias_T_x1", "dK_T_z1"} <= {*plan.determined} == {*plan.after.uncertainties.names}
+    assert {"bias_T_x1", "dK_T_z1"} <= {*plan.after.compared} == {*plan.after.uncertainties.names}
     # The range of the chamber is written, so that a calibration has the same functions of temperature.
     rig = rig_of(tomllib.loads(rig_text(plan, content)), Path("rig.toml"))
     assert (rig.temperature.reference_degc, rig.temperature.range_degc) == (25.0, (0.0, 50.0))

@@ -146,7 +146,7 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     path.write_text("\n".join(lines))
     reduction = reduced([path], KnownContext(static=True))
     assert reduction.dwells.read[0].unread.rows == 4
-    assert reduction.dwells.read[0].unread.places == [502, 701, 905, 1304]
+    assert reduction.dwells.read[0].unread.first == [502, 701, 905, 1304]
     np.testing.assert_allclose(reduction.data.readings, expected.readings, atol=1e-4)
 
 

@@ -104,7 +104,7 @@ def test_rows_of_erased_memory_are_left_out(tmp_path, kind):
         got, recording = read(tmp_path, with_erased(columns, kind, at, 2 * count))
         np.testing.assert_allclose(got, whole(columns), atol=1e-9)
         if kind in ("no number", "a number beyond all"):
-            assert recording.unread.rows == 2 * count and recording.unread.places[0] == at + 1
+            assert recording.unread.rows == 2 * count and recording.unread.first[0] == at + 1
         else:
             assert records(recording) == [("erased", 2 * count)] and recording.damage.records[0].first_row == at + 1
         assert recording.rate_hz == pytest.approx(RATE_HZ)

@@ -62,14 +62,14 @@ def test_each_finding_is_in_a_text(snapshot):
 
 
 def test_the_document_of_an_import_has_null_for_what_is_unknown(tmp_path):
-    content = import_record(tmp_path / "a", tmp_path / "b", recording_of(LAYOUT, rows=9))
+    content = import_record(tmp_path / "a", tmp_path / "b", recording_of(LAYOUT, rows=9)).plain()
     assert {key for key, value in content.items() if value is None} == {
         "rate_hz",
         "duration_s",
         "temperature_degc",
         "repeats",
     }
-    content = import_record(tmp_path / "a", tmp_path / "b", recording_of(LAYOUT, **FAULTY))
+    content = import_record(tmp_path / "a", tmp_path / "b", recording_of(LAYOUT, **FAULTY)).plain()
     assert content["gaps"] == {"count": 2, "total_s": 3.0, "first_s": 1.0} and content["duration_s"] == 9.0
     assert content["clock_back"] == {"count": 1, "first_s": 4.0} and content["temperature_degc"] == [21.0, 24.5]
     assert content["repeats"]["rows"] == 900 and [one["kind"] for one in content["damage"]] == ["repeats", "format"]

@@ -36,7 +36,7 @@ def evaluated(name, sd, **further):
     sizes = np.array(sd) * 1e-3
     found = Uncertainties(NAMES, np.full(2, 1e-3), sizes, np.diag(np.array(sd) ** 2))
     use = np.array([[1e-4, 1e-4, 1e-4], [2e-4, 1e-4, 1e-4]])
-    return Evaluated(Positions(name, "", (), (), ()), SCHEDULE, found, use, **further)
+    return Evaluated(Positions(name, "", (), (), ()), SCHEDULE, found, use, compared=NAMES, **further)
 
 
 @pytest.fixture
@@ -76,7 +76,6 @@ def plan():
         ),
         traded=(),
         forecast=predicted,
-        units={},
     )
 
 

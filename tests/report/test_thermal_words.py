@@ -39,8 +39,10 @@ def part(label, before=2.1, after=0.21, noise=0.1):
 
 
 def signal(name, unit="g", coefficients=(1e-4, 2e-4, 3e-4)):
-    sizes = np.array(coefficients)
-    return FoundSignal(name, tuple("xyz"), unit, sizes, sizes / 10, np.array([6.7e-4, 4.7e-4, 3.3e-4]), ())
+    names = "xyz" if len(coefficients) == 3 else [""]
+    sizes = dict(zip(names, coefficients, strict=True))
+    sd = {component: size / 10 for component, size in sizes.items()}
+    return FoundSignal(name, unit, sizes, sd, np.array([6.7e-4, 4.7e-4, 3.3e-4]), ())
 
 
 def choice(**more):
@@ -70,7 +72,7 @@ def result(**more):
         "choice": choice(),
         "signals": (),
         "combinations": (),
-        "coefficients": (),
+        "coefficients": {},
         "noise_factor": 1.0,
     }
     return Record(**(own | more))
@@ -115,7 +117,7 @@ def test_the_loop_of_hysteresis_has_the_means_of_each_direction_and_the_fitted_b
     shape = own.table.reached_by[:, None] * np.ones(3)
     given = Record(up_to=lambda order: np.array([shape * axis for axis in np.eye(3)]))
     own.choice.model.signals = ((given, 1),)
-    own.signals = (FoundSignal("hysteresis", tuple("xyz"), "g", half, half / 10, np.abs(half), ()),)
+    own.signals = (FoundSignal("hysteresis", "g", dict(zip("xyz", half, strict=True)), {}, np.abs(half), ()),)
     noise = 1e-5 * np.random.default_rng(2).normal(size=shape.shape)
     monkeypatch.setattr(thermal, "after_correction", lambda _: shape * half + noise)
     figure = thermal.hysteresis_figure(own)

@@ -85,9 +85,9 @@ def test_hysteresis_is_found_stated_and_part_of_the_uncertainty():
     unit, _, data = table(6, 6, bias_order=1, hysteresis_mg=0.6)
     result = thermal_calibration(data)
     (found,) = [signal for signal in result.signals if signal.name == "hysteresis"]
-    assert np.allclose(found.half_width, np.abs(unit.hysteresis), rtol=0.25)
+    assert np.allclose(found.half_width_g, np.abs(unit.hysteresis), rtol=0.25)
     stated = {part.parameter: part.half_width for part in result.curves.hysteresis}
-    assert stated == {f"bias_{axis}": pytest.approx(size) for axis, size in zip("xyz", found.half_width, strict=True)}
+    assert stated == {f"bias_{axis}": pytest.approx(size) for axis, size in zip("xyz", found.half_width_g, strict=True)}
 
 
 @pytest.mark.long
@@ -96,7 +96,7 @@ def test_a_lag_of_the_thermometer_is_fitted_in_seconds():
     _, _, data = table(7, 6, rates, bias_order=2, scale_order=1, more={"lag_s": 40.0, "noise_mg": 0.01})
     result = thermal_calibration(data)
     (found,) = result.signals
-    assert found.name == "temperature_lag" and found.not_separated == ()
+    assert found.name == "temperature_lag" and found.not_separated_from == ()
     assert result.choice.unseparated == ()
     assert found.coefficients[0] == pytest.approx(40.0, abs=4 * found.sd[0] + 0.5)
     assert result.choice.orders["bias"] == 2

@@ -14,7 +14,7 @@ from tumblecal.budget.budget import Budget
 from tumblecal.budget.columns import BUDGET_INPUTS, Input
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.positions import PositionSet
-from tumblecal.data.source_of import source_of
+from tumblecal.data.source_of import digest_of
 from tumblecal.data.uncertainty_parts import UncertaintyParts, uncertainty_parts
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.axes import AXES
@@ -28,7 +28,7 @@ def diagnosis_of(folder: Path, data: PositionSet) -> tuple[Path, Calibration]:
     """
     path = folder / "calibration.json" if folder.is_dir() else folder
     calibration = read_calibration(path)
-    theirs, sha256 = calibration.serial_number, source_of(data)["sha256"]
+    theirs, sha256 = calibration.serial_number, digest_of(data.source)
     if data.serial_number and theirs and data.serial_number != theirs:
         raise InputError(
             f"{path}: a diagnosis of unit {theirs}, but the data are of unit {data.serial_number}; diagnose the same file"

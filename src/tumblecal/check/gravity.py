@@ -15,11 +15,11 @@ _NORMAL = "normal gravity"
 
 @dataclass(frozen=True)
 class LocalSize:
-    """Gravity at the place of a check over that of the calibration, its standard uncertainty, and both in words; `unknown`:
-    whether only one of the two is stated."""
+    """Ratio of gravity at the place of a check to that of the calibration, its standard uncertainty, and both in words;
+    `unknown`: whether only one of the two is stated."""
 
-    size: float = 1.0
-    sd: float = 0.0
+    ratio: float = 1.0
+    u: float = 0.0
     words: str = "neither file states it, so both are taken to be the same"
     unknown: bool = False
 

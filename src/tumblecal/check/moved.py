@@ -7,6 +7,7 @@ before a scale factor. An explanation is named if its posterior probability is a
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +22,7 @@ NAMED = 0.95
 _MOST_ATTITUDES = 3
 # Separation in standard deviations below which a further attitude is not proposed.
 _LEAST_SEPARATION = 2.0
+_DIRECTIONS = np.array([each.up for each in attitudes()])
 _KINDS = {"dK": "scale", "bias": "bias", "gamma": "angle"}
 
 
@@ -76,6 +78,11 @@ class Moved:
         return tuple(listed)
 
     @property
+    def attitudes_that_separate(self) -> list[str]:
+        """Those attitudes in words."""
+        return [attitude.words for attitude in self.separating]
+
+    @property
     def average(self) -> tuple[Float[np.ndarray, "9"], Float[np.ndarray, "9 9"]]:
         """Mean and covariance of the change over all explanations."""
         mean = sum((each.probability * each.change for each in self.explanations), np.zeros(9))
@@ -84,6 +91,23 @@ class Moved:
             away = each.change - mean
             spread += each.probability * (each.covariance + np.outer(away, away))
         return mean, spread
+
+    @cached_property
+    def change_g(self) -> tuple[float, float] | None:
+        """The largest change of a corrected force over attitudes, and its expanded uncertainty there (k = 2), g; None if the
+        attitudes do not determine it."""
+        named = self.named
+        mean, covariance = self.average if named is None else (named.change, named.covariance)
+        x, y, z = _DIRECTIONS.T
+        columns = np.zeros((len(_DIRECTIONS), 3, 9))
+        columns[:, 0, 0], columns[:, 1, 1], columns[:, 2, 2] = x, y, z
+        columns[:, range(3), range(3, 6)] = 1.0
+        columns[:, 1, 6], columns[:, 2, 7], columns[:, 2, 8] = x, x, y
+        change = np.linalg.norm(columns @ mean, axis=1)
+        spread = np.linalg.eigvalsh(columns @ covariance @ columns.swapaxes(1, 2))[:, -1]
+        worst = int(np.argmax(change))
+        size, expanded = float(change[worst]), float(2 * np.sqrt(spread[worst]))
+        return (size, expanded) if expanded < size else None
 
 
 def moved(test: Consistency, noise_g: float) -> Moved:

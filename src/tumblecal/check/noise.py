@@ -25,7 +25,7 @@ class PositionNoise:
     shared: bool = False
 
     @property
-    def typical_g(self) -> float:
+    def sd_g(self) -> float:
         """The median standard deviation, g."""
         if self.stated_g is not None:
             return self.stated_g

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -21,11 +21,12 @@ from tumblecal.data.calibration_use import YES, Use, combined
 from tumblecal.data.gravity_size import size_fault
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR, triad_of
-from tumblecal.estimation.attitudes import attitudes, slopes
+from tumblecal.estimation.attitudes import slopes
 from tumblecal.estimation.position_problem import default_chain, problem_of
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.record import rows
 
 
 Outcome = Literal["agrees", "changed", "repeat"]
@@ -33,7 +34,6 @@ Outcome = Literal["agrees", "changed", "repeat"]
 _ROUNDS = 2
 # Corrected readings at rest are within this of gravity, g.
 _FAR = 0.2
-_DIRECTIONS = np.array([each.up for each in attitudes()])
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,7 @@ class CheckResult:
     - `calibration`: read from `path`. `data`: the positions. `expected`, `test`, `sensitivity`: see their classes.
     - `moved`: explanations of a rejected calibration, or of an attitude that was not at rest; otherwise None. `without`: the
       test without that attitude, if the others agree with the calibration; otherwise None.
-    - `sizes`: of gravity. `use`: whether the calibration may be used. `change_g`: largest change of a corrected force over all
-      attitudes, and its expanded uncertainty (k = 2), g; None if it is not rejected, or if the attitudes do not determine it.
+    - `sizes`: of gravity. `use`: whether the calibration may be used.
     - `outside_degc`: temperatures outside the range of the calibration.
     """
 
@@ -67,9 +66,28 @@ class CheckResult:
     moved: Moved | None
     without: Consistency | None
     use: Use
-    change_g: tuple[float, float] | None
     gravity: LocalSize
     outside_degc: Float[np.ndarray, "2"] | None = None
+
+    @property
+    def serial_number(self) -> str | None:
+        """Serial number of the unit, as the recording or the calibration states it."""
+        return self.data.serial_number or self.calibration.serial_number
+
+    @property
+    def attitudes_known(self) -> bool:
+        """Whether the angles of the attitudes are known."""
+        return not self.data.hand_held
+
+    @property
+    def attitudes(self) -> list[dict[str, Any]]:
+        """Name, excess of gravity and its standard uncertainty (g) of each attitude."""
+        return rows(name=self.data.names, excess_g=self.sizes.excess, u_g=self.sizes.sd)
+
+    @property
+    def change_g(self) -> tuple[float, float] | None:
+        """`Moved.change_g`; None if the calibration is not rejected."""
+        return None if self.moved is None else self.moved.change_g
 
     @property
     def disturbed(self) -> str:
@@ -137,7 +155,7 @@ def check(
     degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
     noise = noise_of(calibration, data, noise_sd)
     noise = replace(noise, data=without_terms(calibration, noise.data, degc))
-    before = expected(calibration, path, degc, size=gravity.size, size_sd=gravity.sd, repeatability=repeatability)
+    before = expected(calibration, path, degc, size=gravity.ratio, size_sd=gravity.u, repeatability=repeatability)
     sizes = _sizes(before, noise)
     _require_gravity(noise.data, before, sizes, gravity)
     problem = (model or Model()).problem(noise.data, noise)
@@ -150,16 +168,16 @@ def check(
     explained, without = None, None
     if test.rejected or test.disagree:
         for _ in range(_ROUNDS):
-            explained = moved(test, noise.typical_g)
+            explained = moved(test, noise.sd_g)
             best = explained.named
             change = explained.average[0] if best is None else best.change
             test = test_of(observed(problem, before.mean, before.mean + change, of_terms))
-        explained = moved(test, noise.typical_g)
+        explained = moved(test, noise.sd_g)
         if explained.named is not None and explained.named.kind == "attitude":
             without = test_of(test.observation.without(explained.named.attitude))
         if without is None or without.rejected or without.disagree:
             test, without = test_of(test.observation, estimate=True), None
-            explained = moved(test, noise.typical_g) if test.rejected else None
+            explained = moved(test, noise.sd_g) if test.rejected else None
     result = CheckResult(
         calibration=calibration,
         path=path,
@@ -172,7 +190,6 @@ def check(
         moved=explained,
         without=without,
         use=YES,
-        change_g=None if explained is None else _change(explained),
         gravity=gravity,
         outside_degc=outside,
     )
@@ -205,26 +222,9 @@ def _require_gravity(data: PositionSet, before: Expected, sizes: Sizes, gravity:
         listed = ", ".join(data.names[k] for k in far[:5]) + (f" and {len(far) - 5} more" if len(far) > 5 else "")
         raise InputError(
             f"{data.source}: position {listed}: the corrected readings are far from gravity "
-            f"({gravity.size + sizes.excess[worst]:.3g} g at {data.names[worst]}): moving, saturated, or in a different unit; "
+            f"({gravity.ratio + sizes.excess[worst]:.3g} g at {data.names[worst]}): moving, saturated, or in a different unit; "
             "check --unit and the column names, or record it again"
         )
-
-
-def _change(explained: Moved) -> tuple[float, float] | None:
-    """The largest change of a corrected force over attitudes, and its expanded uncertainty there (k = 2), g; None if the
-    attitudes do not determine it."""
-    named = explained.named
-    mean, covariance = explained.average if named is None else (named.change, named.covariance)
-    x, y, z = _DIRECTIONS.T
-    columns = np.zeros((len(_DIRECTIONS), 3, 9))
-    columns[:, 0, 0], columns[:, 1, 1], columns[:, 2, 2] = x, y, z
-    columns[:, range(3), range(3, 6)] = 1.0
-    columns[:, 1, 6], columns[:, 2, 7], columns[:, 2, 8] = x, x, y
-    change = np.linalg.norm(columns @ mean, axis=1)
-    spread = np.linalg.eigvalsh(columns @ covariance @ columns.swapaxes(1, 2))[:, -1]
-    worst = int(np.argmax(change))
-    size, expanded = float(change[worst]), float(2 * np.sqrt(spread[worst]))
-    return (size, expanded) if expanded < size else None
 
 
 def _use(result: CheckResult, largest_g: float | None) -> Use:

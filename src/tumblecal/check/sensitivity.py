@@ -1,6 +1,7 @@
 """The smallest changes that a recording detects with probability 0.8, and the changes that it cannot see."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -8,6 +9,7 @@ from jaxtyping import Float
 from tumblecal.check.consistency import Consistency
 from tumblecal.check.usual_changes import USUAL
 from tumblecal.data.sensor_parameters import SENSOR, UNITS
+from tumblecal.ground.record import rows
 from tumblecal.ground.units import in_words, shown
 
 
@@ -38,6 +40,11 @@ class Sensitivity:
     def invisible(self) -> tuple[str, ...]:
         """Parameters whose change alone is not visible."""
         return tuple(name for name, limit in zip(SENSOR, self.limits, strict=True) if np.isinf(limit))
+
+    @property
+    def limits_with_units(self) -> list[dict[str, Any]]:
+        """The limits with their units."""
+        return rows(value=self.limits, unit=[UNITS[name] for name in SENSOR])
 
     @property
     def poorly_visible(self) -> dict[str, float]:

@@ -135,7 +135,7 @@ class UpdateOptions:
         from tumblecal.check.update import freed_names, updated
         from tumblecal.history.database import of_unit
 
-        data, serial = result.data, result.data.serial_number or result.calibration.serial_number
+        data, serial = result.data, result.serial_number
         entries = of_unit(history, serial) if history is not None and serial else None
         process = process_noise(result.calibration, data, rates, self.months, entries, str(history))
         return updated(result.test, process, freed_names(self.free), source), process
@@ -228,12 +228,14 @@ def _write(
     more: ResultOptions,
 ) -> None:
     """Write the files of the check; `source`: its provenance."""
-    from tumblecal.check.record import write_check
+    from tumblecal.check.record import CheckRecord
     from tumblecal.show.figures.check import FIGURES
     from tumblecal.show.page import write_page
     from tumblecal.show.verdict import verdict_lines
 
-    write_check(folder / "check.json", result, "\n".join(verdict_lines(words.verdict)), source, update)
+    CheckRecord.of(result, **source, update=update, text="\n".join(verdict_lines(words.verdict))).write(
+        folder / "check.json"
+    )
     if more.figures is not False:
         write_page(folder / "check.html", words, FIGURES, result)
 

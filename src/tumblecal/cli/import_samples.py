@@ -1,6 +1,5 @@
 """`tumblecal import`: contents of a recording, and its samples as a table."""
 
-import json
 from pathlib import Path
 
 from tumblecal.cli.command import Command, table_file, warn
@@ -50,5 +49,5 @@ def import_samples(
         f"{description}: its description, for reduce, thermal, check and apply",
     )
     if command.json:
-        print(json.dumps(import_record(source, path, contents)))
+        print(import_record(source, path, contents).model_dump_json(by_alias=True))
     command.warn(str(source), left_out_lines(contents))

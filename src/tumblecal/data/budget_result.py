@@ -7,11 +7,12 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import AliasPath, Field, model_validator
+from pydantic import Field, model_validator
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.coverage_factor import coverage_factors, effective_dof
 from tumblecal.data.sensor_parameters import SENSOR, UNITS, SensorParameters
+from tumblecal.ground.record import at
 from tumblecal.ground.strict_json import Covariance, Finite, Record, Size, Text, read_record
 from tumblecal.ground.units import in_words
 from tumblecal.ground.units import shown as shown_unit
@@ -43,7 +44,7 @@ class BudgetFile(Record):
     """The keys of `budget.json` that the program reads again."""
 
     schema_: Annotated[Literal["tumblecal.budget_result/1"], Field(alias="schema")]
-    sha256: Text | None = Field(validation_alias=AliasPath("source", "sha256"))
+    sha256: Text | None = at("source.sha256")
     level: Annotated[Finite, Field(ge=0.5, lt=1)]
     inputs: dict[str, BudgetInput]
     parameters: dict[str, BudgetParameter]

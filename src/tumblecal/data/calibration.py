@@ -239,11 +239,6 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
 
 def calibration_text(calibration: Calibration) -> str:
     """The text of a calibration file."""
-    optional = {
-        "use": calibration.use if calibration.use.answer else None,
-        "parameters": None if calibration.parameters is None else StatedParameters.of(calibration.parameters),
-        "temperature": None if calibration.temperature is None else StatedTemperature.of(calibration.temperature),
-    }
     file = CalibrationFile.model_construct(
         schema=SCHEMA,
         equation="f = matrix (A - bias); f_fixture = alignment f",
@@ -257,7 +252,9 @@ def calibration_text(calibration: Calibration) -> str:
         temperature_degc=calibration.temperature_degc,
         serial_number=calibration.serial_number,
         provenance=calibration.provenance,
-        **{key: part for key, part in optional.items() if part is not None},
+        use=calibration.use if calibration.use.answer else None,
+        parameters=calibration.parameters and StatedParameters.of(calibration.parameters),
+        temperature=calibration.temperature and StatedTemperature.of(calibration.temperature),
         **calibration.extra,
     )
     return json.dumps(file.model_dump(by_alias=True, exclude_unset=True), indent=1, allow_nan=False) + "\n"

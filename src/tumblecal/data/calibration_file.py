@@ -5,15 +5,16 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import AfterValidator, Field, PlainSerializer, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from tumblecal.data.calibration_terms import Terms
-from tumblecal.data.calibration_use import StatedUse, Use
+from tumblecal.data.calibration_use import StatedUse
 from tumblecal.data.not_applied import NotApplied
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of, triad_of
 from tumblecal.data.temperature_curves_file import StatedTemperature
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import LEAST_MS2, MOST_MS2
+from tumblecal.ground.gravity import LEAST_MS2, MOST_MS2, record_of
+from tumblecal.ground.record import LEFT_OUT
 from tumblecal.ground.strict_json import (
     LISTED,
     AsStated,
@@ -112,6 +113,9 @@ class StatedGravity(Record):
     source: Text
 
 
+GravityOrNone = Annotated[StatedGravity, BeforeValidator(record_of)]
+
+
 class AveragedModel(Record):
     """An explanation of a model average: ids of its effects."""
 
@@ -146,10 +150,10 @@ class CalibrationFile(Record):
     gravity: StatedGravity | None = None
     temperature_degc: Finite | None = None
     serial_number: Text | None = None
-    use: Annotated[StatedUse, PlainSerializer(Use.record)] | None = None
+    use: Annotated[StatedUse | None, LEFT_OUT] = None
     provenance: Annotated[dict[str, Any], AsStated(Provenance)] = Field(default_factory=dict)
-    parameters: StatedParameters | None = None
-    temperature: StatedTemperature | None = None
+    parameters: Annotated[StatedParameters | None, LEFT_OUT] = None
+    temperature: Annotated[StatedTemperature | None, LEFT_OUT] = None
     terms: Annotated[list[Any], AsStated(Terms)] = Field(default_factory=list)
 
 

@@ -3,12 +3,13 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
 
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.ground.errors import InputError, one_line
+from tumblecal.ground.record import LEFT_OUT
 from tumblecal.ground.strict_json import Finite, Text, one_of
 from tumblecal.ground.units import in_words
 from tumblecal.ground.units import shown as unit_shown
@@ -38,9 +39,9 @@ class Use:
 
     answer: Answer | None = None
     reason: Annotated[Text, AfterValidator(one_line)] = ""
-    temperature_degc: tuple[Finite, Finite] | None = None
-    parameters: tuple[Annotated[Text, one_of(SENSOR)], ...] = ()
-    expanded_g: Annotated[Finite, Field(gt=0)] | None = None
+    temperature_degc: Annotated[tuple[Finite, Finite] | None, LEFT_OUT] = None
+    parameters: Annotated[tuple[Annotated[Text, one_of(SENSOR)], ...], LEFT_OUT] = ()
+    expanded_g: Annotated[Annotated[Finite, Field(gt=0)] | None, LEFT_OUT] = None
 
     @property
     def refused(self) -> bool:
@@ -88,21 +89,6 @@ class Use:
             raise InputError(
                 f"{path}: use: {self.words}. Repeat the measurement or the calibration; --use-anyway overrides this"
             )
-
-    def record(self) -> dict[str, Any]:
-        """The record in a JSON file; empty if nothing is stated."""
-        if self.answer is None:
-            return {}
-        limits: dict[str, Any] = {
-            "temperature_degc": None if self.temperature_degc is None else list(self.temperature_degc),
-            "parameters": list(self.parameters) or None,
-            "expanded_g": self.expanded_g,
-        }
-        return {
-            "answer": self.answer,
-            "reason": self.reason,
-            **{key: limit for key, limit in limits.items() if limit is not None},
-        }
 
 
 def combined(uses: Iterable[Use], expanded_g: float | None = None) -> Use:
@@ -167,11 +153,6 @@ class Judgement:
     def words(self) -> str:
         """Headline and advice."""
         return f"{self.headline} {self.advice}".rstrip()
-
-    def record(self) -> dict[str, Any]:
-        """As `result.json` has it."""
-        texts = {"tone": self.tone, "headline": self.headline, "advice": self.advice, "refused": self.refused}
-        return texts | {"use": self.use.record()}
 
 
 # No limit; and a file of an earlier version, which does not state its use.

@@ -3,23 +3,18 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AliasPath, Field
+from pydantic import Field
 
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import read_json
+from tumblecal.ground.record import at
 from tumblecal.ground.strict_json import Finite, Flag, Record, Size, Text, read_record, validated
 
 
 RESULT, DIAGNOSIS, CHECK = "result.json", "diagnosis.json", "check.json"
 REMEDY = "run the command that wrote this file again"
-
-
-def _at(*keys: str | int) -> Any:
-    """A field at a path of the file: keys, and numbers in lists."""
-    first, *rest = keys
-    return Field(validation_alias=AliasPath(str(first), *rest))
 
 
 class StatedJudgement(Record):
@@ -35,11 +30,11 @@ class ResultFile(Record):
     """`result.json`."""
 
     schema_: Annotated[Literal["tumblecal.result/1"], Field(alias="schema")]
-    source: Text = _at("source", "data")
-    sha256: Text | None = _at("source", "sha256")
-    code: Text = _at("methods", "exact", "code")
-    rms_g: Finite | None = _at("noise", "rms_g")
-    p_value: Finite | None = _at("noise", "chi2_p_value")
+    source: Text = at("source.data")
+    sha256: Text | None = at("source.sha256")
+    code: Text = at("methods.exact.code")
+    rms_g: Finite | None = at("noise.rms_g")
+    p_value: Finite | None = at("noise.chi2_p_value")
     judgement: StatedJudgement = StatedJudgement()
 
     @property
@@ -54,11 +49,11 @@ class DiagnosisFile(Record):
     schema_: Annotated[Literal["tumblecal.diagnosis/1"], Field(alias="schema")]
     source: Text
     sha256: Text | None = None
-    answer: Text = Field(default="no", validation_alias=AliasPath("use", "answer"))
+    answer: Text = at("use.answer", "no")
     verdict: Text
     causes: list[Text]
-    rms_g: Finite | None = _at("sigma_g")
-    p_value: Finite | None = _at("detection", "p_value")
+    rms_g: Finite | None = at("sigma_g")
+    p_value: Finite | None = at("detection.p_value")
     judgement: StatedJudgement = StatedJudgement()
 
     @property
@@ -72,14 +67,14 @@ class CheckFile(Record):
 
     schema_: Annotated[Literal["tumblecal.check/1"], Field(alias="schema")]
     source: Text
-    sha256: Text | None = _at("recording", 0, "sha256")
+    sha256: Text | None = at("recording.0.sha256")
     verdict: Text
-    answer: Text = _at("use", "answer")
+    answer: Text = at("use.answer")
     measured_utc: Text | None = None
     serial_number: Text | None = None
     rms_g: None = None
-    p_value: Finite = _at("test", "p_value")
-    changed: list[Text] = Field(default_factory=list, validation_alias=AliasPath("change", "named"))
+    p_value: Finite = at("test.p_value")
+    changed: list[Text] = at("change.named", ())
 
     @property
     def outcome(self) -> str:

@@ -2,30 +2,38 @@
 
 import hashlib
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from pydantic import BeforeValidator
 
 from tumblecal import __version__
-from tumblecal.data.positions import PositionSet
+from tumblecal.ground.record import LEFT_OUT, Count, ResultRecord, at
 
 
-def source_of(data: PositionSet) -> dict[str, Any]:
-    """Source of the data: file, SHA-256 of its content, number of positions, version of the program; for several files, the
-    SHA-256 of each."""
-    source = {
-        "data": data.source,
-        "sha256": _digest(data.source),
-        "positions": len(data),
-        "tumblecal": __version__,
-        **({"files": {file: _digest(file) for file in data.files}} if len(data.files) > 1 else {}),
-    }
-    measured = data.comments.get("measured_utc")
-    return source | ({"measured_utc": measured} if measured else {})
-
-
-def _digest(file: str) -> str | None:
-    """None for a folder, or for data that are not from a file."""
+def digest_of(file: str) -> str | None:
+    """SHA-256 of the content of a file; None for a folder, or for data that are not from a file."""
     path = Path(file)
     if not path.is_file():
         return None
     with path.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
+Digest = Annotated[str | None, BeforeValidator(digest_of)]
+
+
+class SourceRecord(ResultRecord):
+    """The source of a `PositionSet`; for several files, the SHA-256 of each."""
+
+    data: str = at("source")
+    sha256: Digest = at("source")
+    positions: Count = at("result")
+    tumblecal: str = __version__
+    files: Annotated[
+        dict[str, Digest],
+        BeforeValidator(lambda files: {file: file for file in files} if len(files) > 1 else {}),
+        LEFT_OUT,
+    ]
+    measured_utc: Annotated[str | None, BeforeValidator(lambda stated: stated.get("measured_utc")), LEFT_OUT] = at(
+        "comments"
+    )

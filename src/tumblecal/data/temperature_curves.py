@@ -53,6 +53,16 @@ class Curve:
         return tuple(GROUPS[leaf_of(self.parameter)][1] + divisor for divisor in self.functions.units)
 
     @property
+    def order(self) -> int:
+        """Order of its functions."""
+        return self.functions.order
+
+    @property
+    def knots_degc(self) -> tuple[float, ...]:
+        """Interior knots of its functions."""
+        return self.functions.knots_degc
+
+    @property
     def coefficient_names(self) -> tuple[str, ...]:
         """Names of the coefficients: `bias_x/degC`, `bias_x/degC^2`, ..., `bias_x/degC^3@20` for a knot at 20 degC."""
         return tuple(self.parameter + end for end in self.functions.coefficient_ends)

@@ -1,6 +1,6 @@
 """The key `temperature` of a calibration file: curves of temperature, their joint covariance, and hysteresis."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -9,6 +9,7 @@ from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import faults_of
+from tumblecal.ground.record import LEFT_OUT
 from tumblecal.ground.strict_json import LISTED, Covariance, Finite, Record, Shape, Size, Text, one_of
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
 
@@ -23,7 +24,7 @@ class StatedCurve(Record):
 
     parameter: _Parameter
     order: Annotated[int, Field(strict=True, ge=0, le=HIGHEST_ORDER)]
-    knots_degc: list[Finite] = Field(default_factory=list)
+    knots_degc: Annotated[list[Finite], LEFT_OUT] = Field(default_factory=list)
     coefficients: Annotated[np.ndarray, Shape((None,)), LISTED]
     units: list[Text]
 
@@ -45,7 +46,7 @@ class StatedTemperature(Record):
     curves: Annotated[list[StatedCurve], Field(min_length=1)]
     covariance: Covariance
     covariance_order: list[Text]
-    hysteresis: list[StatedHysteresis] = Field(default_factory=list)
+    hysteresis: Annotated[list[StatedHysteresis], LEFT_OUT] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _valid(self) -> "StatedTemperature":
@@ -57,24 +58,7 @@ class StatedTemperature(Record):
     @classmethod
     def of(cls, curves: TemperatureCurves) -> "StatedTemperature":
         """The object of some curves."""
-        parts = [
-            StatedHysteresis(
-                parameter=part.parameter,
-                half_width=part.half_width,
-                unit=part.unit,
-                not_separated_from=[*part.not_separated_from],
-            )
-            for part in curves.hysteresis
-        ]
-        hysteresis: dict[str, Any] = {"hysteresis": parts}
-        return cls.model_construct(
-            reference_degc=curves.reference_degc,
-            range_degc=[*curves.range_degc],
-            curves=[_stated_curve(curve) for curve in curves.curves],
-            covariance=curves.covariance,
-            covariance_order=[*curves.covariance_order],
-            **(hysteresis if curves.hysteresis else {}),
-        )
+        return cls.model_validate(curves, from_attributes=True, strict=False)
 
     def curves_of_temperature(self) -> TemperatureCurves:
         """The curves of this object.
@@ -96,17 +80,6 @@ class StatedTemperature(Record):
             if tuple(stated.units) != curve.units:
                 raise InputError(f"{stated.parameter}: the units must be {', '.join(curve.units)}")
         return curve
-
-
-def _stated_curve(curve: Curve) -> StatedCurve:
-    knots: dict[str, Any] = {"knots_degc": [*curve.functions.knots_degc]} if curve.functions.knots_degc else {}
-    return StatedCurve.model_construct(
-        parameter=curve.parameter,
-        order=curve.functions.order,
-        **knots,
-        coefficients=curve.coefficients,
-        units=[*curve.units],
-    )
 
 
 def _correlations(covariance: np.ndarray) -> np.ndarray:

@@ -31,6 +31,11 @@ class Coefficient:
     sd: float | None
     unit: str
 
+    @property
+    def determined(self) -> bool:
+        """Whether the data determine it."""
+        return self.sd is not None
+
 
 def findings_of_causes(diagnosis: Diagnosis) -> dict[int, tuple[Cause, ...]]:
     """The causes of each finding by its number, the powers of a polynomial together, the lowest first. Errors of the data, of

@@ -40,10 +40,22 @@ from tumblecal.full_model.full_model import FullModel
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.pickled import Pickled
 from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, function_named
+from tumblecal.ground.units import shown
 
 
 if TYPE_CHECKING:
     import polars as pl
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Change of a parameter in `unit` as shown, and in standard uncertainties of the calibration file (`in_sd`);
+    `determined`: whether the data determine the parameter."""
+
+    shift: float
+    unit: str
+    in_sd: float
+    determined: bool
 
 
 @dataclass(frozen=True, repr=False)
@@ -194,6 +206,20 @@ class Diagnosis(Pickled, Shown):
     def members(self) -> tuple[Cause, ...]:
         """Causes of the leading explanation."""
         return self.screened.members
+
+    @cached_property
+    def shifts(self) -> dict[str, Shift]:
+        """Change of each nominal parameter from the nominal fit to the calibration file."""
+        used, nominal, undetermined = self.in_use, self.nominal, self.extended.undetermined
+        listed = {}
+        for k, name in enumerate(nominal.names):
+            if self.model.layout.of_positions[k]:
+                continue
+            unit, scale = shown(nominal.units[k])
+            change, idle = float(used.values[k] - nominal.values[k]), bool(used.idle[k])
+            in_sd = 0.0 if idle else change / float(used.sd[k])
+            listed[name] = Shift(change * scale, unit, in_sd, name not in undetermined and not idle)
+        return listed
 
     @property
     def unexplained_terms(self) -> list[str]:

@@ -145,6 +145,11 @@ class Fit(Pickled, Shown):
         return "stated" if self.problem.known else "estimated"
 
     @property
+    def stated_chi2(self) -> float | None:
+        """Chi-square of the readings; None if the noise is estimated from them."""
+        return self.chi2 if self.noise == "stated" else None
+
+    @property
     def level(self) -> float:
         """Standard deviation of the white rows; its expectation is 1 if the stated noise is correct."""
         return float(np.sqrt(self.chi2 / self.dof)) if self.dof > 0 else float("nan")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import computed_field
 from scipy.linalg.lapack import dtrcon  # type: ignore[attr-defined]
 
 from tumblecal.data.sensor_parameters import leaf_of
@@ -29,6 +30,7 @@ class Direction:
     coefficients: dict[str, float]
     sd_ratio: float
 
+    @computed_field
     @property
     def words(self) -> str:
         """The combination as a formula."""

@@ -7,7 +7,7 @@ import numpy as np
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.position_comments import ATTITUDES, BY_HAND, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, leaf_of, triad_of
-from tumblecal.data.source_of import source_of
+from tumblecal.data.source_of import SourceRecord
 from tumblecal.data.temperature_curves import TemperatureCurves
 from tumblecal.estimation.curves_of_fit import curves_of
 from tumblecal.estimation.fit import Fit
@@ -47,7 +47,7 @@ def calibration_with(result: Fit, parameters: SensorParameters, curves: Temperat
         serial_number=data.serial_number,
         gravity=data.gravity,
         provenance={
-            **source_of(data),
+            **SourceRecord.of(data).plain(),
             **_attitudes(result),
             "method": result.method,
             "code": result.code.name,

@@ -8,15 +8,17 @@ these cases: the candidates here compete in the diagnosis.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import BeforeValidator
 
 from tumblecal.data import PositionSet
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.record import ResultRecord, at, by_name
 from tumblecal.noise import Covariance, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd
@@ -39,6 +41,23 @@ _LASTING = {
     "white": "The slow noise within a dwell does not appear in the dispersion between positions; they are treated as means of "
     "white noise.",
 }
+
+
+Median = Annotated[list[float], BeforeValidator(lambda sd: np.median(sd, axis=0))]
+Coefficients = Annotated[dict[str, dict[str, float]], by_name(AXES), BeforeValidator(Noise.coefficients)]
+
+
+class MeanNoiseRecord(ResultRecord):
+    """`MeanNoise` in JSON files, by axis."""
+
+    source: str
+    dwell_s: float
+    slow_noise: str = at("lasts")
+    level_known: bool
+    sd_of_mean_g: Median = at("sd")
+    white_sd_of_mean_g: Median = at("white_sd")
+    neighbours_correlation: list[float] = at("neighbours")
+    noise: Coefficients
 
 
 @dataclass(frozen=True)
@@ -92,8 +111,13 @@ class MeanNoise:
 
     def applied(self, problem: Problem, *, known: bool | None = None) -> Problem:
         """The problem under this noise; its level counts as known unless it is extrapolated, or as given by `known`."""
-        known = not self.extrapolated if known is None else known
+        known = self.level_known if known is None else known
         return problem.with_noise(self._of_means, known=known, sd=self.sd)
+
+    @property
+    def level_known(self) -> bool:
+        """Whether the level of the noise is known: it is not extrapolated."""
+        return not self.extrapolated
 
     @property
     def extrapolated(self) -> bool:
@@ -107,19 +131,6 @@ class MeanNoise:
     def label(self) -> str:
         """Name of the candidate."""
         return f"{self.lasts} {self.level:g}"
-
-    def record(self) -> dict[str, Any]:
-        """The noise of the means in numbers."""
-        return {
-            "source": self.source,
-            "dwell_s": self.dwell_s,
-            "slow_noise": self.lasts,
-            "level_known": not self.extrapolated,
-            "sd_of_mean_g": np.median(self.sd, axis=0).tolist(),
-            "white_sd_of_mean_g": np.median(self.white_sd, axis=0).tolist(),
-            "neighbours_correlation": self.neighbours.tolist(),
-            "noise": dict(zip(AXES, self.noise.coefficients(), strict=True)),
-        }
 
     def words(self) -> str:
         """The noise found, and the error of assuming white noise."""

@@ -10,15 +10,17 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
+from pydantic import BeforeValidator
 
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
+from tumblecal.ground.record import ResultRecord
 
 
 # Turns whose mean distances from the readings differ by less than this (g) fit equally well.
@@ -31,6 +33,15 @@ FEWEST = 4
 _FARTHEST = 2.0
 
 Angles: TypeAlias = tuple[float, float, float]
+
+
+class MountingRecord(ResultRecord):
+    """The turn of a mounting in JSON files."""
+
+    rotation_deg: Angles
+
+
+Mountings = dict[str, Annotated[MountingRecord, BeforeValidator(lambda turn: {"rotation_deg": turn})]]
 
 
 @dataclass(frozen=True)

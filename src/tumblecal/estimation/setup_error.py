@@ -1,12 +1,13 @@
 """An error in the set-up of a measurement, as it is reported."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
 from tumblecal.data import PositionSet
 from tumblecal.estimation.fit import Fit
+from tumblecal.ground.record import ResultRecord, at, by_name
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,20 @@ class SetupError:
         same = "; or ".join(words for _, words in self.equal)
         return f"{self.words} (indistinguishable here: {same})" if same else self.words
 
-    def record(self) -> dict[str, Any]:
-        """The entry of JSON files."""
-        equal = [{"id": label, "words": words} for label, words in self.equal]
-        return {"id": self.label, "words": self.words, "equal": equal}
+
+class EqualErrorRecord(ResultRecord):
+    """A set-up error that produces the same data."""
+
+    id: str
+    words: str
+
+
+class SetupErrorRecord(ResultRecord):
+    """`SetupError` in JSON files."""
+
+    id: str = at("label")
+    words: str
+    equal: list[Annotated[EqualErrorRecord, by_name(("id", "words"))]]
 
 
 # The fit undoes a correction if the fitted pitch error leaves less than this share of it.

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from pydantic import BaseModel
 from pydantic_core import to_json
 
 from tumblecal.ground.errors import InputError
@@ -32,9 +33,10 @@ def read_json(path: Path) -> object:
         raise InputError(f"{path}: not JSON: {error}") from error
 
 
-def json_text(content: Mapping[str, object]) -> str:
-    """Plain numbers, lists and texts as the text of a JSON file; numbers that are not finite become null."""
-    return to_json(content, indent=1, inf_nan_mode="null").decode() + "\n"
+def json_text(content: BaseModel | Mapping[str, object]) -> str:
+    """A record, or numbers, arrays, lists, texts and dataclasses, as the text of a JSON file; numbers that are not finite
+    become null."""
+    return to_json(content, indent=1, inf_nan_mode="null", fallback=lambda array: array.tolist()).decode() + "\n"
 
 
 def require_plain(content: object) -> None:

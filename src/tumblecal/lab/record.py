@@ -1,35 +1,177 @@
 """`result.json` and `calibration.json` of a calibration."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-import numpy as np
-from jaxtyping import Float
+from pydantic import BeforeValidator
 
 from tumblecal.chain import followings_of
 from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration_file import GravityOrNone
 from tumblecal.data.calibration_use import Use
-from tumblecal.data.source_of import source_of
+from tumblecal.data.source_of import SourceRecord
 from tumblecal.effects import Catalogue, catalogue
+from tumblecal.estimation.attitude_scatter import AttitudeScatter
 from tumblecal.estimation.curves_of_fit import reported
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.intrinsic import intrinsic, one_sensor
+from tumblecal.estimation.identifiability import Direction
+from tumblecal.estimation.intrinsic import Intrinsic, intrinsic, one_sensor
 from tumblecal.estimation.linear_calibration import linear_calibration
 from tumblecal.estimation.methods import Calibrated
-from tumblecal.estimation.mountings import turns_of
-from tumblecal.estimation.plausibility import implausible
-from tumblecal.ground.atomic import write_text
+from tumblecal.estimation.mountings import Mountings, turns_of
+from tumblecal.estimation.noise_level import ContradictedLevel
+from tumblecal.estimation.plausibility import Implausible, implausible
+from tumblecal.estimation.setup_error import SetupErrorRecord
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import record_of
-from tumblecal.ground.json_file import json_text
+from tumblecal.ground.record import LEFT_OUT, Estimate, Estimates, ResultRecord, at, estimates, rows
 from tumblecal.lab.sensor_terms import terms_of_chain
 
 
-SCHEMA = "tumblecal.result/1"
 # Pairs of parameters whose correlation is above this are listed.
 STRONG_CORRELATION = 0.9
+
+
+class MethodParameter(Estimate):
+    """A parameter of a fit, with its interval at a coverage probability of 0.95."""
+
+    interval_95: tuple[float, float]
+
+
+class MethodRecord(ResultRecord):
+    """`Fit`."""
+
+    parameters: Annotated[
+        dict[str, MethodParameter], BeforeValidator(lambda fit: estimates(fit, interval_95=fit.interval(0.95)))
+    ] = at("result")
+    covariance: list[list[float]]
+    code: str = at("code.name")
+    message: str
+    sigma_g: float = at("sigma")
+    dof: int
+    statistics: dict[str, float]
+
+
+class ModelRecord(ResultRecord):
+    """The chain of a fit."""
+
+    links: Annotated[list[str], BeforeValidator(lambda links: [type(link).__name__ for link in links])] = at(
+        "chain.links"
+    )
+    parameters: list[str] = at("names")
+    mountings: Annotated[Mountings, BeforeValidator(lambda at: turns_of(at.chain, at.where))] = at("problem")
+
+
+class NoiseRecord(ResultRecord):
+    """The noise of a calibration."""
+
+    sigma_g: float = at("exact.sigma")
+    kind: str = at("exact.noise")
+    chi2: float | None = at("exact.stated_chi2")
+    dof: int = at("exact.dof")
+    chi2_p_value: float | None = at("exact.chi2_p_value")
+    contradicted_level: ContradictedLevel | None = at("level")
+    attitude_scatter: AttitudeScatter | None = at("scatter")
+    floor_g: float | None = at("floor.floor_g", None)
+    rms_g: float = at("exact.rms")
+
+
+class ResidualRecord(ResultRecord):
+    """Residuals of a position, g."""
+
+    position: str
+    alpha_deg: float
+    beta_deg: float
+    x_g: float
+    y_g: float
+    z_g: float
+
+
+def _residuals(fit: Fit) -> list[dict[str, Any]]:
+    data, (x, y, z) = fit.data, fit.residuals.T
+    return rows(position=data.names, alpha_deg=data.alpha_deg, beta_deg=data.beta_deg, x_g=x, y_g=y, z_g=z)
+
+
+class Correlation(ResultRecord):
+    """A pair of parameters."""
+
+    first: str
+    second: str
+    correlation: float
+
+
+def strong_correlations(fit: Fit) -> list[Correlation]:
+    """Pairs of parameters correlated above 0.9, the strongest first."""
+    correlation, shared = fit.correlation, fit.shared
+    pairs = [
+        Correlation(first=fit.names[i], second=fit.names[j], correlation=correlation[i, j])
+        for number, i in enumerate(shared)
+        for j in shared[number + 1 :]
+        if abs(correlation[i, j]) > STRONG_CORRELATION
+    ]
+    return sorted(pairs, key=lambda pair: -abs(pair.correlation))
+
+
+class IdentifiabilityRecord(ResultRecord):
+    """`Identifiability` of a fit."""
+
+    rank: int = at("identifiability.rank")
+    free: int = at("identifiability.free")
+    singular_values: list[float] = at("identifiability.singular_values")
+    weak: list[Direction] = at("identifiability.weak")
+    correlations: Annotated[list[Correlation], BeforeValidator(strong_correlations)] = at("result")
+
+
+class TemperatureRecord(ResultRecord):
+    """The physical coefficients of the parameters that follow temperature."""
+
+    reference_degc: float
+    range_degc: tuple[float, float]
+    coefficients: dict[str, Estimate]
+
+
+def _temperature(fit: Fit) -> TemperatureRecord | None:
+    followings = followings_of(fit.problem.chain)
+    if not followings:
+        return None
+    coefficients = {name: one for name, one in estimates(reported(fit)).items() if name not in fit.names}
+    return TemperatureRecord.of(followings[0].functions, coefficients=coefficients)
+
+
+def _intrinsic(fit: Fit) -> Intrinsic | None:
+    return intrinsic(fit) if one_sensor(fit) else None
+
+
+class JudgementRecord(ResultRecord):
+    """`Judgement`."""
+
+    tone: str
+    headline: str
+    advice: str
+    refused: bool
+    use: Use
+
+
+class CalibratedRecord(ResultRecord):
+    """`result.json`: a `Calibrated`."""
+
+    schema_: Literal["tumblecal.result/1"] = "tumblecal.result/1"
+    source: SourceRecord = at("exact.data")
+    gravity: GravityOrNone = at("exact.data.gravity")
+    model: ModelRecord = at("exact")
+    methods: dict[str, MethodRecord] = at("fits")
+    skipped: dict[str, str]
+    set_up: list[SetupErrorRecord] = at("setup_errors")
+    implausible: list[Implausible]
+    judgement: JudgementRecord = at("judgements.0")
+    judgements: list[JudgementRecord]
+    use: Use
+    noise: NoiseRecord = at("result")
+    residuals: Annotated[list[ResidualRecord], BeforeValidator(_residuals)] = at("exact")
+    identifiability: IdentifiabilityRecord = at("exact")
+    intrinsic: Annotated[Estimates, BeforeValidator(_intrinsic)] = at("exact")
+    temperature: Annotated[TemperatureRecord | None, BeforeValidator(_temperature), LEFT_OUT] = at("exact")
 
 
 def write_calibrated(folder: Path, calibrated: Calibrated, stated: Mapping[str, Any] | None = None) -> list[str]:
@@ -39,7 +181,7 @@ def write_calibrated(folder: Path, calibrated: Calibrated, stated: Mapping[str, 
 
     **Returns:** their names.
     """
-    write_text(folder / "result.json", json_text(result_content(calibrated)))
+    CalibratedRecord.of(calibrated).write(folder / "result.json")
     exact, level, scatter, floor = calibrated.exact, calibrated.level, calibrated.scatter, calibrated.floor
     if not exact.code.good or not one_sensor(exact):
         return ["result.json"]
@@ -69,96 +211,6 @@ def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | 
     write_calibration(path, replace(calibration_of(fit, entries), use=use))
 
 
-def result_content(calibrated: Calibrated) -> dict[str, Any]:
-    """Contents of `result.json`."""
-    exact, judged, seen = calibrated.exact, calibrated.judgements, calibrated.exact.identifiability
-    data, problem = exact.data, exact.problem
-    assert seen is not None  # the exact fit always has it
-    triad = intrinsic(exact) if one_sensor(exact) else None
-    return {
-        "schema": SCHEMA,
-        "source": source_of(data),
-        "gravity": record_of(data.gravity),
-        "model": {
-            "links": [type(link).__name__ for link in exact.chain.links],
-            "parameters": exact.names,
-            "mountings": {
-                label: {"rotation_deg": turn} for label, turn in turns_of(problem.chain, problem.where).items()
-            },
-        },
-        "methods": {name: _method(fit) for name, fit in calibrated.fits.items()},
-        "skipped": calibrated.skipped,
-        "set_up": [setup_error.record() for setup_error in calibrated.setup_errors],
-        "implausible": calibrated.implausible,
-        "judgement": judged[0].record(),
-        "judgements": [judgement.record() for judgement in judged],
-        "use": calibrated.use.record(),
-        "noise": {
-            "sigma_g": exact.sigma,
-            "kind": exact.noise,
-            "chi2": exact.chi2 if exact.noise == "stated" else None,
-            "dof": exact.dof,
-            "chi2_p_value": exact.chi2_p_value,
-            "contradicted_level": calibrated.level,
-            "attitude_scatter": calibrated.scatter,
-            "floor_g": None if calibrated.floor is None else calibrated.floor.floor_g,
-            "rms_g": exact.rms,
-        },
-        "residuals": [
-            {"position": name, "alpha_deg": alpha, "beta_deg": beta, "x_g": x, "y_g": y, "z_g": z}
-            for name, alpha, beta, (x, y, z) in zip(
-                data.names, data.alpha_deg, data.beta_deg, exact.residuals, strict=True
-            )
-        ],
-        "identifiability": {
-            "rank": seen.rank,
-            "free": seen.free,
-            "singular_values": seen.singular_values.tolist(),
-            "weak": [{"words": direction.words, **vars(direction)} for direction in seen.weak],
-            "correlations": strong_correlations(exact),
-        },
-        "intrinsic": {} if triad is None else _estimates(triad.names, triad.values, triad.sd, triad.units),
-        **_temperature(exact),
-    }
-
-
-def _estimates(
-    names: Iterable[str], values: Float[np.ndarray, " names"], sd: Float[np.ndarray, " names"], units: Iterable[str]
-) -> dict[str, dict[str, Any]]:
-    columns = zip(names, values, sd, units, strict=True)
-    return {name: {"value": value, "sd": sd, "unit": unit} for name, value, sd, unit in columns}
-
-
-def _method(fit: Fit) -> dict[str, Any]:
-    parameters = _estimates(fit.names, fit.values, fit.sd, fit.units)
-    intervals = dict(zip(fit.names, fit.interval(0.95).tolist(), strict=True))
-    return {
-        "parameters": {name: entry | {"interval_95": intervals[name]} for name, entry in parameters.items()},
-        "covariance": fit.covariance.tolist(),
-        "code": fit.code.name,
-        "message": fit.message,
-        "sigma_g": fit.sigma,
-        "dof": fit.dof,
-        "statistics": fit.statistics,
-    }
-
-
-def _temperature(fit: Fit) -> dict[str, Any]:
-    """The physical coefficients of the parameters that follow temperature, if any."""
-    followings, stated = followings_of(fit.problem.chain), reported(fit)
-    if not followings:
-        return {}
-    functions = followings[0].functions
-    coefficients = _estimates(stated.names, stated.values, stated.sd, stated.units)
-    return {
-        "temperature": {
-            "reference_degc": functions.reference_degc,
-            "range_degc": functions.range_degc,
-            "coefficients": {name: entry for name, entry in coefficients.items() if name not in fit.names},
-        }
-    }
-
-
 def calibration_of(fit: Fit, entries: Catalogue | None = None) -> Calibration:
     """The calibration of a fit: matrix and bias of the sensor, and the terms of the effects in its chain.
 
@@ -169,15 +221,3 @@ def calibration_of(fit: Fit, entries: Catalogue | None = None) -> Calibration:
     """
     terms = terms_of_chain(fit, fit.problem.chain, catalogue() if entries is None else entries)
     return terms.put_into(linear_calibration(fit), fit.data.temperature_degc)
-
-
-def strong_correlations(fit: Fit) -> Sequence[dict[str, Any]]:
-    """Pairs of parameters correlated above 0.9, the strongest first."""
-    correlation, shared = fit.correlation, fit.shared
-    pairs = [
-        {"first": fit.names[i], "second": fit.names[j], "correlation": float(correlation[i, j])}
-        for number, i in enumerate(shared)
-        for j in shared[number + 1 :]
-        if abs(correlation[i, j]) > STRONG_CORRELATION
-    ]
-    return sorted(pairs, key=lambda pair: -abs(pair["correlation"]))

@@ -1,6 +1,6 @@
 """All positions of a design: those that the head can measure, those measured already, and those of plans to compare."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,22 @@ from tumblecal.plan.uncertainties import Uncertainties, in_use_sd, uncertainties
 
 
 @dataclass(frozen=True)
+class Worst:
+    """A parameter and its standard uncertainty, base units."""
+
+    parameter: str
+    u: float
+
+
+@dataclass(frozen=True)
+class InUse:
+    """Standard uncertainty of the corrected force, g: root mean square over attitudes and axes, and the largest one."""
+
+    average: float
+    largest: float
+
+
+@dataclass(frozen=True)
 class Evaluated:
     """A plan with its uncertainties.
 
@@ -28,6 +44,7 @@ class Evaluated:
     - `fits`: whether one pass fits in the time.
     - `effects`, `undetectable`: forecasts of the effects to be named, and ids of effects that the plan cannot show; None: not
       evaluated.
+    - `compared`: parameters to compare with another plan.
     """
 
     positions: Positions
@@ -37,28 +54,27 @@ class Evaluated:
     fits: bool = True
     effects: tuple[EffectForecast, ...] = ()
     undetectable: tuple[str, ...] | None = None
+    compared: tuple[str, ...] = ()
 
-    def worst(self, names: Collection[str]) -> tuple[str, float]:
-        """The parameter among some with the largest standard uncertainty relative to its scale, and this uncertainty in base
-        units."""
+    @property
+    def worst(self) -> Worst:
+        """The parameter to compare with the largest standard uncertainty relative to its scale."""
         found = self.uncertainties
-        places = [k for k, name in enumerate(found.names) if name in names]
+        places = [k for k, name in enumerate(found.names) if name in self.compared]
         k = max(places, key=lambda k: found.sd[k] / found.scales[k])
-        return found.names[k], float(found.sd[k])
-
-    def undetermined(self, names: Collection[str]) -> list[str]:
-        """Those of some parameters that are not determined."""
-        return [name for name in self.uncertainties.undetermined if name in names]
+        return Worst(found.names[k], float(found.sd[k]))
 
     @property
-    def in_use_average(self) -> float:
-        """Root mean square over attitudes and axes, g; infinite if a parameter is not determined."""
-        return float("inf") if self.uncertainties.undetermined else float(np.sqrt(np.mean(self.in_use**2)))
+    def missing(self) -> list[str]:
+        """The parameters to compare that are not determined."""
+        return [name for name in self.uncertainties.undetermined if name in self.compared]
 
     @property
-    def in_use_largest(self) -> float:
-        """The largest one, g; infinite if a parameter is not determined."""
-        return float("inf") if self.uncertainties.undetermined else float(np.max(self.in_use))
+    def in_use_g(self) -> InUse:
+        """Standard uncertainty of the corrected force; infinite if a parameter is not determined."""
+        if self.uncertainties.undetermined:
+            return InUse(np.inf, np.inf)
+        return InUse(float(np.sqrt(np.mean(self.in_use**2))), float(np.max(self.in_use)))
 
 
 @dataclass(frozen=True)

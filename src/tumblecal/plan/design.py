@@ -1,6 +1,5 @@
 """The design of a measurement: positions, order, uncertainties, forecast of the diagnosis, comparison with common practice."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,6 +13,7 @@ from tumblecal.chain.rig import Rig
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.record import rows, table
 from tumblecal.plan.bounds import Bounds
 from tumblecal.plan.candidates import Candidates, Evaluated, candidates_of
 from tumblecal.plan.cells import Cells, cells_of
@@ -49,7 +49,7 @@ class DesignedPlan:
       plans under white noise, if the criteria are those of the covariance.
     - `after`: the plan. `before`: the positions that are measured already, otherwise the plan of the rig file.
     - `practice`: common practice, and plans to compare, in the same time.
-    - `traded`: the trade-off between time and criterion. `forecast`: of the diagnosis. `units`: of effects.
+    - `traded`: the trade-off between time and criterion. `forecast`: of the diagnosis.
     """
 
     rig: Rig
@@ -66,7 +66,6 @@ class DesignedPlan:
     practice: tuple[Evaluated, ...]
     traded: tuple[TradeOff, ...]
     forecast: NamingForecast | None
-    units: Mapping[str, str]
 
     @cached_property
     def cells(self) -> Cells:
@@ -74,32 +73,34 @@ class DesignedPlan:
         return self.responses.cells.chosen(self.after.schedule.cells)
 
     @cached_property
-    def determined(self) -> tuple[str, ...]:
-        """Parameters that the plan determines."""
-        found = self.after.uncertainties
-        return tuple(name for name in found.names if name not in found.undetermined)
-
-    @cached_property
     def positions(self) -> list[dict[str, Any]]:
         """Name, angles, mounting and temperature of each position, in measuring order, as in files."""
         degc, cells = self.cells.temperature_degc, self.cells
         columns = {"name": self.names, "alpha_deg": cells.alpha_deg, "beta_deg": cells.beta_deg, "mount": cells.mounts}
         columns |= {} if degc is None else {"temperature_degc": degc}
-        listed = [np.round(each, 9).tolist() if isinstance(each, np.ndarray) else each for each in columns.values()]
-        return [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
+        rounded = {
+            name: np.round(each, 9).tolist() if isinstance(each, np.ndarray) else each for name, each in columns.items()
+        }
+        return rows(**rounded)
 
     @property
-    def parameters(self) -> list[tuple[str, str, float, float]]:
-        """Name, base unit, and standard uncertainty without and with the plan, of each shared parameter."""
+    def scheduled(self) -> list[dict[str, Any]]:
+        """The positions with the start of each dwell (s), and whether they are measured already."""
+        times = rows(start_s=self.after.schedule.start_s, measured=np.arange(len(self.names)) < self.measured)
+        return [position | time for position, time in zip(self.positions, times, strict=True)]
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Standard uncertainty with the plan (`u`) and without (`u_before`), and base unit, of each shared parameter."""
         before, after = self.before.uncertainties.sd.tolist(), self.after.uncertainties
         units = [unit_of_parameter(name, UNIT_OF_LEAF) or "1" for name in after.names]
-        return list(zip(after.names, units, before, after.sd.tolist(), strict=True))
+        return table(after.names, u=after.sd.tolist(), u_before=before, unit=units)
 
     def ratio(self, other: Evaluated) -> float:
         """The largest standard uncertainty of another plan, relative to that of this plan."""
         scale_of = dict(zip(self.after.uncertainties.names, self.after.uncertainties.scales.tolist(), strict=True))
-        (name, u), (own_name, own) = other.worst(self.determined), self.after.worst(self.determined)
-        return u / scale_of[name] / (own / scale_of[own_name])
+        worst, own = (plan.worst.u / scale_of[plan.worst.parameter] for plan in (other, self.after))
+        return worst / own
 
     @property
     def minutes(self) -> float:
@@ -167,6 +168,9 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         predicted = forecast(made, of, wanted.effects, seed=wanted.seed)
         after = replace(after, effects=predicted.effects, undetectable=predicted.undetectable)
         before, *practice = (_with_effects(rig, candidates, each, wanted, of) for each in (before, *practice))
+    found = after.uncertainties
+    determined = tuple(name for name in found.names if name not in found.undetermined)
+    after, before, *practice = (replace(each, compared=determined) for each in (after, before, *practice))
     return DesignedPlan(
         rig=made,
         ability=ability,
@@ -182,7 +186,6 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         practice=tuple(practice),
         traded=tuple(sorted(traded, key=lambda each: each.minutes)),
         forecast=predicted,
-        units={id: effect.unit for id, effect in entries.items()},
     )
 
 

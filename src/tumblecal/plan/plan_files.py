@@ -14,7 +14,7 @@ from tumblecal.ground.json_file import json_text, read_json
 from tumblecal.ground.strict_toml import toml_lines, toml_table
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.plan.design import DesignedPlan
-from tumblecal.plan.record import SCHEMA, plan_record
+from tumblecal.plan.record import SCHEMA, PlanRecord
 
 
 RIG = "rig.toml"
@@ -37,7 +37,7 @@ def write_plan(
     """
     texts = {name: capture_text(plan, name, folder) for name in capture_files(plan)}
     texts[RIG] = rig_text(plan, content)
-    texts["plan.json"] = json_text(plan_record(plan, list(texts), lines, assumptions))
+    texts["plan.json"] = json_text(PlanRecord.of(plan, files=list(texts), words=lines, assumptions=assumptions))
     for name, text in texts.items():
         write_text(folder / name, text)
     return list(texts)

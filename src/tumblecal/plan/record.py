@@ -1,86 +1,106 @@
 """`plan.json`: a designed plan in numbers."""
 
-from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Literal
 
-from tumblecal.plan.candidates import Evaluated
-from tumblecal.plan.design import DesignedPlan
+from pydantic import BeforeValidator
+
+from tumblecal.ground.record import Count, ResultRecord, TextOrNull, at, by_name
+from tumblecal.plan.candidates import InUse, Worst
+from tumblecal.plan.forecast.naming import Alias, EffectForecast, Limit
+from tumblecal.plan.search import TradeOff
 
 
 SCHEMA = "tumblecal.plan/1"
+# From the number of the visit of each position.
+Visits = Annotated[int, BeforeValidator(lambda visit: visit[-1] + 1)]
 
 
-def plan_record(
-    plan: DesignedPlan, files: Sequence[str], lines: Sequence[str], assumptions: Sequence[tuple[str, str]]
-) -> dict[str, Any]:
-    """The plan as plain numbers, lists and texts.
+class PositionRecord(ResultRecord):
+    """A position in measuring order."""
 
-    **Arguments:**
-
-    - `files`: that were written. `lines`: that are printed. `assumptions`: each with the option that overrides it.
-    """
-    schedule, wanted, bounds, forecast = plan.after.schedule, plan.wanted, plan.bounds, plan.forecast
-    return {
-        "schema": SCHEMA,
-        "source": plan.rig.source,
-        "files": files,
-        "positions": [
-            {"temperature_degc": None, **position, "start_s": start, "measured": k < plan.measured}
-            for k, (position, start) in enumerate(zip(plan.positions, schedule.start_s.tolist(), strict=True))
-        ],
-        "minutes": plan.minutes,
-        "pitch_visits": int(schedule.pitch_visit[-1]) + 1,
-        "mount_visits": int(schedule.mount_visit[-1]) + 1,
-        "criteria": wanted.criteria,
-        "order": wanted.order,
-        "seed": wanted.seed,
-        "parameters": {name: {"u": u, "u_before": before, "unit": unit} for name, unit, before, u in plan.parameters},
-        "in_use_g": _in_use(plan.after),
-        "criterion": {
-            "value": plan.ordered.value,
-            "slow_noise_known": plan.ordered.drift_known,
-            "bound_white": bounds and bounds.repeated,
-            "bound_one_visit": bounds and bounds.white,
-            "bound_of_positions": bounds and bounds.own,
-            "reason": (bounds and bounds.reason) or None,
-        },
-        "effects": plan.after.effects,
-        "forecast": forecast
-        and {
-            "draws": forecast.draws,
-            "detection_limits": {
-                id: {"size": size, "unit": plan.units.get(id)} for id, size in forecast.limits.items()
-            },
-            "undetectable": forecast.undetectable,
-            "hidden_on_head": forecast.hidden_on_head,
-            "not_testable": forecast.not_testable,
-            "alias": forecast.alias,
-            "alias_of_undetectable": forecast.alias_of_undetectable,
-        },
-        "before": _evaluated(plan, plan.before),
-        "practice": [_evaluated(plan, each) for each in plan.practice],
-        "trade_off": [each._asdict() for each in plan.traded],
-        "assumptions": [{"words": words, "override": option} for words, option in assumptions],
-        "words": lines,
-    }
+    name: str
+    alpha_deg: float
+    beta_deg: float
+    mount: str
+    temperature_degc: float | None = None
+    start_s: float
+    measured: bool
 
 
-def _evaluated(plan: DesignedPlan, evaluated: Evaluated) -> dict[str, Any]:
-    parameter, u = evaluated.worst(plan.determined)
-    return {
-        "name": evaluated.positions.name,
-        "source": evaluated.positions.source or None,
-        "positions": len(evaluated.schedule),
-        "minutes": evaluated.schedule.minutes,
-        "fits": evaluated.fits,
-        "deviation_deg": evaluated.positions.deviation_deg,
-        "worst": {"parameter": parameter, "u": u},
-        "undetermined": evaluated.uncertainties.undetermined,
-        "in_use_g": _in_use(evaluated),
-        "effects": evaluated.effects,
-        "undetectable": evaluated.undetectable,
-    }
+class ParameterRecord(ResultRecord):
+    """Standard uncertainty of a parameter, by the plan and before it."""
+
+    u: float
+    u_before: float
+    unit: str
 
 
-def _in_use(evaluated: Evaluated) -> dict[str, float]:
-    return {"average": evaluated.in_use_average, "largest": evaluated.in_use_largest}
+class CriterionRecord(ResultRecord):
+    """Value of the criterion and its lower bounds."""
+
+    value: float = at("ordered.value")
+    slow_noise_known: float = at("ordered.drift_known")
+    bound_white: float | None = at("bounds.repeated", None)
+    bound_one_visit: float | None = at("bounds.white", None)
+    bound_of_positions: float | None = at("bounds.own", None)
+    reason: TextOrNull = at("bounds.reason", None)
+
+
+class ForecastRecord(ResultRecord):
+    """`NamingForecast`."""
+
+    draws: int
+    detection_limits: dict[str, Limit]
+    undetectable: list[str]
+    hidden_on_head: list[str]
+    not_testable: dict[str, str]
+    alias: Alias | None
+    alias_of_undetectable: Alias | None
+
+
+class EvaluatedRecord(ResultRecord):
+    """`Evaluated`."""
+
+    name: str = at("positions.name")
+    source: TextOrNull = at("positions.source")
+    positions: Count = at("schedule")
+    minutes: float = at("schedule.minutes")
+    fits: bool
+    deviation_deg: float = at("positions.deviation_deg")
+    worst: Worst
+    undetermined: list[str] = at("uncertainties.undetermined")
+    in_use_g: InUse
+    effects: list[EffectForecast]
+    undetectable: list[str] | None
+
+
+class AssumptionRecord(ResultRecord):
+    """An assumption, and the option that overrides it."""
+
+    words: str
+    override: str
+
+
+class PlanRecord(ResultRecord):
+    """`plan.json`: a `DesignedPlan`, with `files` that were written, `words` that are printed, and `assumptions`."""
+
+    schema_: Literal["tumblecal.plan/1"] = SCHEMA
+    source: str = at("rig.source")
+    files: list[str]
+    positions: list[PositionRecord] = at("scheduled")
+    minutes: float
+    pitch_visits: Visits = at("after.schedule.pitch_visit")
+    mount_visits: Visits = at("after.schedule.mount_visit")
+    criteria: dict[str, float] = at("wanted.criteria")
+    order: str = at("wanted.order")
+    seed: int = at("wanted.seed")
+    parameters: dict[str, ParameterRecord]
+    in_use_g: InUse = at("after.in_use_g")
+    criterion: CriterionRecord = at("result")
+    effects: list[EffectForecast] = at("after.effects")
+    forecast: ForecastRecord | None
+    before: EvaluatedRecord
+    practice: list[EvaluatedRecord]
+    trade_off: list[TradeOff] = at("traded")
+    assumptions: list[Annotated[AssumptionRecord, by_name(("words", "override"))]]
+    words: list[str]

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
@@ -29,7 +28,8 @@ from tumblecal.plan.set_value import Term
 _TRADED = (0.5, 0.7, 1.4, 2.0, 3.0)
 
 
-class TradeOff(NamedTuple):
+@dataclass(frozen=True)
+class TradeOff:
     """A point of the trade-off: number of positions, minutes, and the criterion with slow noise known."""
 
     positions: int

@@ -4,6 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import computed_field
 
 from tumblecal.ground.axes import AXES
 from tumblecal.planning.new_rows import Rows
@@ -37,6 +38,7 @@ class Confirmation:
     expected_sd_g: float
     rival: tuple[str, ...]
 
+    @computed_field
     @property
     def sd_apart(self) -> float:
         """Separation of the two predictions in `sd_g`."""

@@ -5,6 +5,7 @@ turn in its fixture). A new mounting has new unknown angles.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -80,6 +81,12 @@ class NextPlan:
     def positions(self) -> int:
         """Number of positions of the set."""
         return sum(len(position.angles_deg) for position in self.together)
+
+    @property
+    def conditions_of_positions(self) -> dict[str, Any] | None:
+        """The conditions with the mountings of the set."""
+        mounting = list(dict.fromkeys(position.mount for position in self.together))
+        return None if self.conditions is None else self.conditions._asdict() | {"mounting": mounting}
 
     @property
     def settings(self) -> dict[tuple[str, float], list[float]]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import computed_field
 
 from tumblecal.diagnosis.priors import LEAST_ODDS, SURE
 from tumblecal.planning.alternatives import Competition
@@ -36,11 +37,13 @@ class Promise:
     excluded: tuple[tuple[str, ...], ...]
     remaining: tuple[tuple[str, ...], ...]
 
+    @computed_field
     @property
     def made(self) -> bool:
         """Whether the result is probable enough to be promised."""
         return bool(self.excluded) and self.probability >= PROMISED
 
+    @computed_field
     @property
     def worth_measuring(self) -> bool:
         """Whether the positions are worth measuring for it."""

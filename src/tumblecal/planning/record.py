@@ -1,32 +1,47 @@
-"""The next measurement in numbers, a part of `diagnosis.json`."""
+"""`diagnosis.json`: a diagnosis with the next measurement; angles in deg, readings in g."""
 
-from typing import Any
+from tumblecal.diagnosis.record import DiagnosisRecord
+from tumblecal.ground.record import ResultRecord, TextOrNull, at
+from tumblecal.planning.confirming import Confirmation
+from tumblecal.planning.promise import Promise
+from tumblecal.planning.proposals import NextPosition
 
-from tumblecal.planning.next_plan import NextPlan
+
+class NextPlanRecord(ResultRecord):
+    """`NextPlan`."""
+
+    purpose: TextOrNull
+    watched: TextOrNull
+    in_reverse: bool
+    value: float
+    together: list[NextPosition]
+    notes: list[str]
+    confirming: list[Confirmation]
 
 
-def plan_record(plan: NextPlan) -> dict[str, Any]:
-    """The plan as plain numbers, lists and texts; angles in deg, readings in g."""
-    conditions, promise = plan.conditions, plan.promise
-    # How the triad is turned in its fixture; "" for the present mounting.
-    mounting = list(dict.fromkeys(position.mount for position in plan.together))
-    return {
-        "next_positions": plan.singles,
-        "next_plan": {
-            "purpose": plan.purpose or None,
-            "watched": plan.watched or None,
-            "in_reverse": plan.in_reverse,
-            "value": plan.value,
-            "together": plan.together,
-            "notes": plan.notes,
-            "confirming": [vars(reading) | {"sd_apart": reading.sd_apart} for reading in plan.confirming],
-        },
-        "next": {
-            "conditions": None
-            if conditions is None
-            else {**conditions._asdict(), "mounting": mounting, "order": "as listed in the plan"},
-            "promise": None
-            if promise is None
-            else vars(promise) | {"made": promise.made, "worth_measuring": promise.worth_measuring},
-        },
-    }
+class ConditionsRecord(ResultRecord):
+    """`Conditions`; `mounting`: how the triad is turned in its fixture, "" for the present mounting."""
+
+    after_s: float | None
+    time_s: float | None
+    step_s: float
+    temperature_degc: float | None
+    last_temperature_degc: float | None
+    run: str
+    mounting: list[str]
+    order: str = "as listed in the plan"
+
+
+class NextRecord(ResultRecord):
+    """Conditions of the next measurement, and its expected result."""
+
+    conditions: ConditionsRecord | None = at("conditions_of_positions")
+    promise: Promise | None
+
+
+class DiagnosisWithPlanRecord(DiagnosisRecord):
+    """`diagnosis.json`: a diagnosis with `plan`."""
+
+    next_positions: list[NextPosition] = at("plan.singles")
+    next_plan: NextPlanRecord = at("plan")
+    next: NextRecord = at("plan")

@@ -11,7 +11,7 @@
 | `corrected` | the device has already corrected the readings for temperature | reported |
 """
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,6 @@ class Damage:
     def lines(self) -> list[str]:
         """A line for each record."""
         return [record.words for record in self.records]
-
-    def as_dicts(self) -> list[dict[str, object]]:
-        """The records as keys and values of a file."""
-        return [asdict(record) for record in self.records]
 
     def report(self, words: str) -> None:
         """Add damage that the format shows, once."""

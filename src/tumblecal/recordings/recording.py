@@ -86,7 +86,7 @@ class Recording:
     def entries(self) -> dict[str, object]:
         """Rows that are left out and damage, for a file."""
         return {
-            "left_out": {"rows": self.unread.rows, "first": self.unread.places},
+            "left_out": self.unread,
             "damage": self.damage.lines,
-            "damage_records": self.damage.as_dicts(),
+            "damage_records": self.damage.records,
         }

@@ -6,7 +6,7 @@ the closed form for means. sd / sqrt(n) would be too small. The noise that neigh
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from tumblecal.data.position_comments import NOISE_MODEL
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.json_file import json_text
 from tumblecal.noise.allan import averaging_factors, overlapping_allan
 from tumblecal.noise.allan_fit import quantisation_and_misfit
 from tumblecal.noise.dwell_fit import ordinary_dwells
@@ -83,10 +84,10 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
         axes[letter] = {
             "noise": {**coefficients, **quantisation_and_misfit(allan, reported, axis)},
             "allan": {
-                "tau_s": allan.tau_s.tolist(),
-                "deviation_g": allan.deviation.tolist(),
-                "low_g": allan.low.tolist(),
-                "high_g": allan.high.tolist(),
+                "tau_s": allan.tau_s,
+                "deviation_g": allan.deviation,
+                "low_g": allan.low,
+                "high_g": allan.high,
             },
         }
     more = dwells.dwell_entries or [{}] * len(data)
@@ -102,11 +103,11 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
                 "name": name,
                 **entries,
                 "n": len(force),
-                "mean_g": force.mean(0).tolist(),
-                "sd_of_mean_g": sd.tolist(),
-                "batch_means_sd_g": batch_means_sd(force).tolist(),
-                "white_noise_sd_g": white_sd(force).tolist(),
-                "checks": asdict(checks),
+                "mean_g": force.mean(0),
+                "sd_of_mean_g": sd,
+                "batch_means_sd_g": batch_means_sd(force),
+                "white_noise_sd_g": white_sd(force),
+                "checks": checks,
             }
             for name, entries, force, sd, checks in zip(
                 data.names, more, reduction.quiet, data.sd, reduction.checks, strict=True
@@ -114,5 +115,5 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
         ],
     }
     path = folder / "reduction.json"
-    write_text(path, json.dumps(content, indent=1) + "\n")
+    write_text(path, json_text(content))
     return [*paths, path]

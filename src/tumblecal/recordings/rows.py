@@ -42,10 +42,10 @@ _FEWEST_RUNS, _MOST_SINGLE = 50, 0.02
 
 @dataclass
 class Unread:
-    """Rows without a complete reading: their number, and the places of the first."""
+    """Rows without a complete reading: their number (`rows`), and the places of the `first`."""
 
     rows: int = 0
-    places: list[int] = field(default_factory=list)
+    first: list[int] = field(default_factory=list)
 
 
 def names_of(layout: Layout) -> dict[str, str]:
@@ -105,7 +105,7 @@ def sample_frames(
         seen += len(piece)
         if not whole.all():
             lost = (~whole).arg_true()
-            unread.places += places.gather(lost[: _SHOWN - len(unread.places)]).to_list()
+            unread.first += places.gather(lost[: _SHOWN - len(unread.first)]).to_list()
             unread.rows += len(lost)
             # Rows of erased memory, and of another sensor in the same table, have no cell that should be a number.
             cells = pl.col(columns[role].name for role in needed if not columns[role].form)
@@ -113,7 +113,7 @@ def sample_frames(
             share = piece[lost].select(wrong.mean()).item()
             if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and share > _MOST_UNREADABLE:
                 raise InputError(
-                    f"{path}:{table.row_word} {unread.places[0]}: {unread.rows} of {seen} rows cannot be read as "
+                    f"{path}:{table.row_word} {unread.first[0]}: {unread.rows} of {seen} rows cannot be read as "
                     f"{', '.join(wanted)}. Give the columns of the quantities by --columns"
                 )
         source = [piece.select(more).to_struct(SOURCE_COLUMNS)] if more else []

@@ -7,10 +7,8 @@ import numpy as np
 
 from tumblecal.budget.budget import TYPE_A, Budget
 from tumblecal.budget.monte_carlo import MonteCarlo
-from tumblecal.budget.record import budget_content
+from tumblecal.budget.record import budget_record
 from tumblecal.estimation.intrinsic import intrinsic, one_sensor
-from tumblecal.ground.atomic import write_text
-from tumblecal.ground.json_file import json_text
 from tumblecal.show.figures.budget import shares_figure
 from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.page import write_page
@@ -64,7 +62,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
 
     `notes`: reservations about the fit, for the page.
     """
-    write_text(folder / "budget.json", json_text(budget_content(budget, checked)))
+    budget_record(budget, checked).write(folder / "budget.json")
     drawn = write_each(folder, {"budget.svg": shares_figure}, budget)
     words = words_of_budget(budget, checked, notes)
     return ["budget.json", *drawn, *write_page(folder / "budget.html", words, drawn)]

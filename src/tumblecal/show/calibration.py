@@ -9,7 +9,7 @@ from tumblecal import __version__
 from tumblecal.chain import followings_of
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.position_comments import identity_words
-from tumblecal.data.source_of import source_of
+from tumblecal.data.source_of import digest_of
 from tumblecal.estimation.curves_of_fit import Reported, reported
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
@@ -71,7 +71,7 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
         strong=STRONG_CORRELATION,
         applied=_applied(calibrated),
         file=file,
-        sha256=source_of(data)["sha256"],
+        sha256=digest_of(data.source),
         now=datetime.now(UTC),
         version=__version__,
     )

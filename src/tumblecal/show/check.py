@@ -50,7 +50,7 @@ def words_of_check(
     return words_of(
         "check",
         r=result,
-        serial=data.serial_number or result.calibration.serial_number,
+        serial=result.serial_number,
         file=Path(data.source).name,
         attitudes=f"{counted(len(data), 'attitude')} with {'unknown' if data.hand_held else 'known'} angles",
         named=named,

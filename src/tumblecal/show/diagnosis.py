@@ -18,7 +18,6 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.coefficients import about_one_reference, coefficients, findings_of_causes, first_unnamed
 from tumblecal.diagnosis.findings.candidate_law import Term, law_words, term_words
 from tumblecal.diagnosis.findings.factors import Factor, Reason
-from tumblecal.diagnosis.record import diagnosis_record, shifts
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
@@ -30,10 +29,10 @@ from tumblecal.lab.extended_rig import NAME as EXTENDED_RIG
 from tumblecal.lab.extended_rig import extended_rig_text
 from tumblecal.lab.sensor_terms import held_words
 from tumblecal.planning import NextPlan
-from tumblecal.planning.record import plan_record
+from tumblecal.planning.record import DiagnosisWithPlanRecord
 from tumblecal.show.fit import fit_words
 from tumblecal.show.next_plan import next_plan_texts, next_words
-from tumblecal.show.verdict import Verdict, verdict_lines
+from tumblecal.show.verdict import Finding, Unresolved, Verdict, verdict_lines
 from tumblecal.show.words import Words, text_of, words_of
 
 
@@ -64,9 +63,9 @@ def words_of_diagnosis(
     findings, first = findings_of_causes(diagnosis), first_unnamed(diagnosis)
     numbers = {cause.label: number for number, causes in findings.items() for cause in causes}
     neighbours = Neighbours(diagnosis.screened.at) if (UNEXPLAINED,) in best.equivalents else None
-    moved, harm = shifts(diagnosis), harm_in_u(diagnosis)
-    changes = [item for item in moved.items() if abs(item[1]["in_sd"]) > _LEAST_CHANGE_U]
-    changes = sorted(changes, key=lambda item: -abs(item[1]["in_sd"]))[:_MOST_LISTED]
+    moved, harm = diagnosis.shifts, harm_in_u(diagnosis)
+    changes = [item for item in moved.items() if abs(item[1].in_sd) > _LEAST_CHANGE_U]
+    changes = sorted(changes, key=lambda item: -abs(item[1].in_sd))[:_MOST_LISTED]
     largest = [max((abs(size), id, name) for name, size in of.items()) for id, of in harm.items() if of]
     faults = [*(error.label for error in diagnosis.setup_errors), *diagnosis.noise_wrong]
     ids = dict.fromkeys([*faults, *(id_of(cause.label) for cause in diagnosis.members)])
@@ -99,7 +98,7 @@ def words_of_diagnosis(
         folder=plan and folder,
         files=joined_arguments(diagnosis.data.files or [diagnosis.data.source]),
         suggested=SUGGESTED,
-        changes=changes if changes and abs(changes[0][1]["in_sd"]) > 1.0 else [],
+        changes=changes if changes and abs(changes[0][1].in_sd) > 1.0 else [],
         wider=_wider(diagnosis),
         named=named,
         advice=advice,
@@ -222,16 +221,24 @@ def write_diagnosis(
     return [*texts, *drawn, *write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn, verdict)]
 
 
-def record(diagnosis: Diagnosis, plan: NextPlan, verdict: Verdict | None = None) -> dict[str, Any]:
-    """`diagnosis.json`: the diagnosis, the plan and the verdict as plain numbers, lists and texts."""
+class DiagnosisFile(DiagnosisWithPlanRecord):
+    """`diagnosis.json`: a diagnosis, the next measurement, and the verdict."""
+
+    findings: list[Finding]
+    unresolved: list[Unresolved]
+
+
+def record(diagnosis: Diagnosis, plan: NextPlan, verdict: Verdict | None = None) -> DiagnosisFile:
+    """The record of a diagnosis, a plan and a verdict; the verdict by default that of the two."""
     verdict = verdict or verdict_of_diagnosis(diagnosis, plan)
-    texts = {
-        "use": diagnosed_use(diagnosis).record(),
-        "text": "\n".join(verdict_lines(verdict)),
-        "findings": verdict.found,
-        "unresolved": verdict.unresolved,
-    }
-    return diagnosis_record(diagnosis) | texts | plan_record(plan)
+    return DiagnosisFile.of(
+        diagnosis,
+        plan=plan,
+        use=diagnosed_use(diagnosis),
+        text="\n".join(verdict_lines(verdict)),
+        findings=verdict.found,
+        unresolved=verdict.unresolved,
+    )
 
 
 def suggested_effect(diagnosis: Diagnosis) -> str:

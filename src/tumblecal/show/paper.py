@@ -11,7 +11,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
-from tumblecal.lab.record import result_content
+from tumblecal.lab.record import CalibratedRecord
 from tumblecal.planning import NextPlan
 from tumblecal.show.diagnosis import harm_in_u, verdict_of_diagnosis
 from tumblecal.show.figures.drawing import write_each
@@ -35,7 +35,7 @@ def write_paper_study(
     words = words_of_paper(study, audit, table1, diagnosed, diagnosis)
     findings = words.section("Findings")
     folded = "\n\n".join(textwrap.fill(text, 100) for text in findings) + "\n"
-    record = paper_record(study, audit, result_content(table1), findings)
+    record = paper_record(study, audit, CalibratedRecord.of(table1), findings)
     write_texts(folder, {"study.json": json_text(record), "findings.txt": folded})
     figures = write_each(folder, FIGURES, study)
     figures |= write_each(folder, AUDIT_FIGURES, audit, table1.exact)

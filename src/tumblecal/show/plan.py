@@ -25,7 +25,7 @@ def words_of_plan(plan: DesignedPlan, folder: Path) -> Words:
     runs = {name: run_folder(name) for name in capture_files(plan)}
     relevant = {"remount_s": len(ability.mounts) > 1, "temperature_change_s": bool(ability.temperatures_degc)}
     times = [key.removeprefix("times.") for key in ability.assumed if key.startswith("times.")]
-    comparable = [each for each in plan.practice if each.fits and not each.undetermined(plan.determined)]
+    comparable = [each for each in plan.practice if each.fits and not each.missing]
     return words_of(
         "plan",
         plan=plan,
@@ -34,7 +34,7 @@ def words_of_plan(plan: DesignedPlan, folder: Path) -> Words:
         positions=positions,
         starts=plan.after.schedule.start_s[plan.measured :],
         mountings=len({position["mount"] for position in positions}),
-        units={name: unit for name, unit, *_ in plan.parameters},
+        units={name: each["unit"] for name, each in plan.parameters.items()},
         without="positions measured already" if plan.measured else "plan of the rig file",
         plans=[plan.after, plan.before, *plan.practice],
         best=min(comparable, key=plan.ratio, default=None),

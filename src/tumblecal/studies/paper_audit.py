@@ -24,8 +24,8 @@ class PublishedSet:
     f: float
     dof: tuple[int, int]
     p_value: float
-    largest_g: float
-    smallest_g: float
+    largest_residual_g: float
+    smallest_residual_g: float
     residuals: Float[np.ndarray, "positions 3"]
 
 
@@ -33,14 +33,15 @@ class PublishedSet:
 class NoiseAudit:
     """The residual noise of Table 1 against what the stated noise implies for the mean of a 20-minute dwell.
 
-    `white_g`: if the noise averaged down as white noise from 100 s on, the most that the stated figures allow;
-    `flicker_g`: if the 100 s figure includes a floor. `p_value`: probability of residuals this small under `white_g`.
+    `implied_white_beyond_100s_g`: if the noise averaged down as white noise from 100 s on, the most that the stated figures
+    allow; `implied_floor_g`: if the 100 s figure includes a floor. `p_value`: probability of residuals this small if the noise
+    is white.
     """
 
     observed_g: float
     dof: int
-    white_g: float
-    flicker_g: float
+    implied_white_beyond_100s_g: float
+    implied_floor_g: float
     p_value: float
 
 
@@ -50,8 +51,8 @@ class Audit:
 
     explanations: tuple[PublishedSet, ...]
     noise: NoiseAudit
-    norm_g: float
-    norm_if_ms2_g: float
+    mean_norm: float
+    mean_norm_if_ms2_g: float
     published_extremes_g: tuple[float, float]
 
 
@@ -66,8 +67,8 @@ def audit(fit: Fit) -> Audit:
     return Audit(
         explanations=tuple(_explanation(name, values, fit) for name, values in sets.items()),
         noise=_noise(fit),
-        norm_g=float(np.mean(norms)),
-        norm_if_ms2_g=float(np.mean(norms) / STANDARD_GRAVITY_MS2),
+        mean_norm=float(np.mean(norms)),
+        mean_norm_if_ms2_g=float(np.mean(norms) / STANDARD_GRAVITY_MS2),
         published_extremes_g=(float(third["largest"][0]), float(third["smallest"][0])),
     )
 
@@ -82,8 +83,8 @@ def _explanation(name: str, values: np.ndarray, fit: Fit) -> PublishedSet:
         f=f,
         dof=(free, dof),
         p_value=float(fdtrc(free, dof, f)),
-        largest_g=float(residuals.max()),
-        smallest_g=float(residuals.min()),
+        largest_residual_g=float(residuals.max()),
+        smallest_residual_g=float(residuals.min()),
         residuals=residuals,
     )
 
@@ -97,7 +98,7 @@ def _noise(fit: Fit) -> NoiseAudit:
     return NoiseAudit(
         observed_g=fit.sigma,
         dof=fit.dof,
-        white_g=float(most),
-        flicker_g=float(np.sqrt(white / paper.DWELL_S + floor)),
+        implied_white_beyond_100s_g=float(most),
+        implied_floor_g=float(np.sqrt(white / paper.DWELL_S + floor)),
         p_value=float(chdtr(fit.dof, fit.dof * (fit.sigma / most) ** 2)),
     )

@@ -76,6 +76,11 @@ class Choice:
     unseparated: tuple[str, ...]
 
     @property
+    def orders_of_leaves(self) -> dict[str, int]:
+        """The order of each leaf that the attitudes determine; 0 for a constant one."""
+        return {leaf: self.orders.get(leaf, 0) for leaf in self.highest}
+
+    @property
     def inseparable(self) -> tuple[str, ...]:
         """Leaves whose change the attitudes do not determine, and that are not stated to be constant."""
         return tuple(leaf for leaf in LEAVES if leaf not in self.highest and leaf not in self.forced)

@@ -45,7 +45,7 @@ def after_correction(result: ThermalResult) -> Float[np.ndarray, "rows 3"]:
     """Readings less those of the parameters at their temperatures, g: hysteresis, rate, lag and drift remain."""
     found = zip(result.choice.model.signals, result.signals, strict=True)
     remaining = sum(
-        (np.tensordot(signal.coefficients, given.up_to(order), 1) for (given, order), signal in found),
+        (np.tensordot([*signal.coefficients.values()], given.up_to(order), 1) for (given, order), signal in found),
         np.zeros_like(result.table.readings),
     )
     return result.fit.residuals + remaining

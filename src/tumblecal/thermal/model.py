@@ -47,6 +47,11 @@ class ThermalModel:
     priors: Priors = field(default_factory=dict)
     signals: tuple[tuple[Signals, int], ...] = ()
 
+    @property
+    def knots_degc(self) -> dict[str, tuple[float, ...]]:
+        """Interior knots of the leaves that follow a spline."""
+        return {leaf: each.knots_degc for leaf, each in self.functions.items() if each.knots_degc}
+
     @cached_property
     def where(self) -> Where:
         """The settings of the rows."""

@@ -1,6 +1,7 @@
 """The result of a temperature calibration: parameters over temperature, signals that are no function of it, the improvement."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -18,6 +19,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import sensor_of
 from tumblecal.estimation.linear_calibration import calibration_with
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.record import table
 from tumblecal.recordings.thermal.thermal_table import SDS, ThermalTable
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.choice import Choice, Stated, chosen_model
@@ -40,18 +42,17 @@ _OF_RANGE = 0.25
 class FoundSignal:
     """A signal that is not a function of temperature.
 
-    - `name`: of `thermal.signals.NAMES`. `coefficients`, `sd`: in `unit`, in the order of `components`.
-    - `half_width` (3): its largest size on each axis in these data, g. `not_separated`: effects of the history that may be
+    - `name`: of `thermal.signals.NAMES`. `coefficients`, `sd`: in `unit`, by the names of its components.
+    - `half_width_g` (3): its largest size on each axis in these data. `not_separated_from`: effects of the history that may be
       its cause.
     """
 
     name: str
-    components: tuple[str, ...]
     unit: str
-    coefficients: Float[np.ndarray, " components"]
-    sd: Float[np.ndarray, " components"]
-    half_width: Float[np.ndarray, "3"]
-    not_separated: tuple[str, ...]
+    coefficients: dict[str, float]
+    sd: dict[str, float]
+    half_width_g: Float[np.ndarray, "3"]
+    not_separated_from: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -86,15 +87,15 @@ class ThermalResult:
         return self.choice.reference_degc
 
     @property
-    def coefficients(self) -> list[tuple[str, float, float, str]]:
-        """Name, value, standard uncertainty without hysteresis, and unit of each coefficient of the curves, base units."""
+    def coefficients(self) -> dict[str, dict[str, Any]]:
+        """Value, standard uncertainty `sd` without hysteresis, and unit of each coefficient of the curves, base units."""
         if (curves := self.curves) is None:
-            return []
+            return {}
         names = [name for curve in curves.curves for name in curve.coefficient_names]
         units = [unit for curve in curves.curves for unit in curve.units]
         values = np.concatenate([curve.coefficients for curve in curves.curves])
         sd = np.sqrt(np.diag(curves.covariance)[len(SENSOR) :])
-        return [*zip(names, values.tolist(), sd.tolist(), units, strict=True)]
+        return table(names, value=values, sd=sd, unit=units)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -177,10 +178,9 @@ def _found(fit: Fit, given: kinds.Signals, order: int, choice: Choice) -> FoundS
     values, joined = fit.values[here], choice.unseparated
     return FoundSignal(
         given.name,
-        given.names(order),
         given.unit,
-        values,
-        fit.sd[here],
+        dict(zip(given.names(order), values.tolist(), strict=True)),
+        dict(zip(given.names(order), fit.sd[here].tolist(), strict=True)),
         kinds.half_widths(given, order, values),
         tuple(name for name in joined if name != given.name) if given.name in joined else (),
     )
@@ -190,7 +190,7 @@ def _calibration(fit: Fit, choice: Choice, found: tuple[FoundSignal, ...], state
     table = choice.model.table
     sensor, span = _sensor(fit, stated.base), measured_range(table)
     curves = curves_of(fit, sensor.covariance)
-    widths = sum((signal.half_width for signal in found if signal.name != "drift"), np.zeros(3))
+    widths = sum((signal.half_width_g for signal in found if signal.name != "drift"), np.zeros(3))
     if choice.of_temperature:
         widths = widths + HISTORY * span_of_bias(curves)
     if curves is not None:
@@ -205,7 +205,7 @@ def _calibration(fit: Fit, choice: Choice, found: tuple[FoundSignal, ...], state
     calibration = calibration_with(fit, sensor, curves)
     unknown = {} if table.known_attitudes else {ATTITUDES: UNKNOWN}
     more = {"method": "thermal", "temperature_range_degc": list(span)}
-    drift = sum((signal.half_width for signal in found if signal.name == "drift"), np.zeros(3))
+    drift = sum((signal.half_width_g for signal in found if signal.name == "drift"), np.zeros(3))
     expanded = expanded_g(choice, fit, test, calibration, np.hypot(widths, drift), span)
     return replace(
         calibration,
@@ -220,8 +220,8 @@ def measured_range(table: ThermalTable) -> tuple[float, float]:
     by half of the distance to their neighbours."""
     low, high = table.range_degc
     beyond = [0.0, 0.0]
-    for rows in chains_of(table):
-        degc = np.sort(table.temperature_degc[rows][~table.soak[rows]])
+    for chain in chains_of(table):
+        degc = np.sort(table.temperature_degc[chain][~table.soak[chain]])
         if len(degc) < 2:
             continue
         beyond[0] = max(beyond[0], low - float(degc[0] - (degc[1] - degc[0]) / 2))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import computed_field
 from scipy import special
 
 from tumblecal.diagnosis.causes.pool import Pool
@@ -33,8 +34,14 @@ class Detection:
     p_value: float
     threshold: float
     dof: int
-    chi2: float
+    chi2: float | None
     chi2_p_value: float | None
+
+    @computed_field
+    @property
+    def noise(self) -> str:
+        """Whether the noise is `stated` or `estimated`."""
+        return "estimated" if self.chi2 is None else "stated"
 
     @property
     def detected(self) -> bool:
@@ -125,6 +132,6 @@ def detect(
         p_value=float(np.exp(log_p_value(statistic, *null))),
         threshold=threshold(size, *null),
         dof=pool.dof,
-        chi2=chi2,
+        chi2=chi2 if known else None,
         chi2_p_value=float(special.gammaincc(pool.dof / 2, chi2 / 2)) if known else None,
     )

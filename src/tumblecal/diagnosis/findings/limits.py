@@ -4,10 +4,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from pydantic import Field
 from scipy import special
 
 from tumblecal.diagnosis.priors import POWER
@@ -32,7 +33,7 @@ _MOST_LISTED = 2
 class DetectionLimit:
     """Smallest size of each coefficient alone that is found with 80 % probability; None: not visible by itself."""
 
-    coefficients: dict[str, float | None]
+    coefficients: Annotated[dict[str, float | None], Field(serialization_alias="limits")]
     unit: str
     visible_fraction: float
 

@@ -8,8 +8,8 @@ including explanations without a name (generic terms, lack of fit).
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -35,7 +35,8 @@ _MOST_LISTED = 3
 Part = tuple[str, Bool[np.ndarray, " positions"]]
 
 
-class Located(NamedTuple):
+@dataclass(frozen=True)
+class Located:
     """An effect that acts in a part of the data only, with other causes (`beside`): `log_odds` against the leading
     explanation."""
 
@@ -86,11 +87,6 @@ def located(screened: Screened) -> list[Located]:
         if label not in others and (label not in best or odds[row, k] > best[label].log_odds):
             best[label] = Located(label, words, int(np.sum(inside)), float(odds[row, k]), others)
     return sorted(best.values(), key=lambda found: -found.log_odds)[:_MOST_LISTED]
-
-
-def parts_of_effect(at: Tangent, pool: Pool, number: int) -> Pool:
-    """An effect of a pool, cut to each part of the data in which it can be seen."""
-    return _in_parts(at, pool, np.array([number]), list(_parts(at)))[0]
 
 
 def _in_parts(

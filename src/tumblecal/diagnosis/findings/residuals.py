@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
+from pydantic import computed_field
 from scipy.special import ndtri
 
 from tumblecal.effects import AXES
@@ -52,6 +53,7 @@ class Check:
     high: float
     quantiles: tuple[float, ...] = ()
 
+    @computed_field
     @property
     def outside(self) -> bool:
         """Whether the measured value is not one that the model makes."""
@@ -188,6 +190,7 @@ class NormalQuantiles:
     low: Float[np.ndarray, " readings"]
     high: Float[np.ndarray, " readings"]
 
+    @computed_field
     @property
     def outside(self) -> Bool[np.ndarray, " readings"]:
         """The residuals beyond the simulated range."""

@@ -94,6 +94,11 @@ class Unnamed:
     law: Law | None
     excess: Excess
 
+    @property
+    def positions(self) -> list[str]:
+        """Names of the positions in the region."""
+        return [name for name, inside in zip(self.fit.problem.names, self.excess.positions, strict=True) if inside]
+
 
 def unnamed(at: Tangent, fit: Fit) -> Unnamed:
     """Region of the residuals of a fit, and a candidate law for them.

@@ -70,11 +70,19 @@ class Alias:
 
 
 @dataclass(frozen=True)
+class Limit:
+    """Detection limit of an effect in its unit; None for an undetectable one."""
+
+    size: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
 class NamingForecast:
     """Forecast of the diagnosis of a plan.
 
-    - `effects`: of those asked for. `limits`: size of every effect that is detected with probability 0.8 (every coefficient of
-      this size), None for undetectable ones. `undetectable`: those that the nominal parameters absorb.
+    - `effects`: of those asked for. `detection_limits`: size of every effect that is detected with probability 0.8 (every
+      coefficient of this size). `undetectable`: those that the nominal parameters absorb.
     - `hidden_on_head`: those of them that no positions on this head show, identities at 1 g among them; the choice of positions
       hides the others.
     - `alias`: the largest error in use that an effect at its detection limit leaves; `alias_of_undetectable`: the same of
@@ -83,7 +91,7 @@ class NamingForecast:
     """
 
     effects: tuple[EffectForecast, ...]
-    limits: dict[str, float | None]
+    detection_limits: dict[str, Limit]
     undetectable: tuple[str, ...]
     alias: Alias | None
     alias_of_undetectable: Alias | None
@@ -118,7 +126,7 @@ def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int =
     usual = {id: of.entries[id].typical for id, limit in limits.items() if limit is None}
     return NamingForecast(
         tuple(forecast_of_effect(of, id, size, limits[id], draws, seed) for id, size in effects.items()),
-        limits,
+        {id: Limit(limit, of.entries[id].unit) for id, limit in limits.items()},
         tuple(usual),
         _largest_alias(of, {id: limit for id, limit in limits.items() if limit is not None}),
         _largest_alias(of, usual),

@@ -99,7 +99,7 @@ def hysteresis_figure(result: ThermalResult) -> Figure | None:
         return None
     place, table = names.index("hysteresis"), result.table
     given, order = result.choice.model.signals[place]
-    fitted = 1e3 * np.tensordot(result.signals[place].coefficients, given.up_to(order), 1)
+    fitted = 1e3 * np.tensordot([*result.signals[place].coefficients.values()], given.up_to(order), 1)
     cells, direction = cells_of(table.temperature_degc), np.asarray(table.reached_by)
     loops = sorted({*zip(cells.tolist(), direction.tolist(), strict=True)})
     degc, means, lines, signs = (
