@@ -9,7 +9,7 @@ import blind_instrument as blind
 from blind.acting import inputs
 from tumblecal.chain import settings
 from tumblecal.diagnosis.findings.candidate_law import Law, Term, candidate_law
-from tumblecal.diagnosis.findings.law_shapes import forms, values_of
+from tumblecal.diagnosis.findings.law_forms import forms, values_of
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace
 from tumblecal.diagnosis.findings.unexplained import excess
 from tumblecal.effects import catalogue
