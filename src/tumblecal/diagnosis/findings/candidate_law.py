@@ -1,14 +1,13 @@
 """The sparsest closed form that explains residuals without a catalogue entry.
 
-Every form of `law_forms`, on one output, all outputs or an angle of the head, is scored in closed form by the residual space of the
-fit: what it explains, less what its coefficients cost (BIC, Schwarz 1978) and its prior weight among all forms does (Chen and Chen
-2008). The best one is accepted, then the best in the space that the accepted ones leave (orthogonal matching pursuit, Pati,
-Rezaiifar and Krishnaprasad 1993). The held-out error is that of the whole procedure: in every fold the law is chosen again.
+Every form of `law_forms`, on one output, all outputs or an angle of the head, is scored in closed form in the residual space
+of the fit: what it explains, less the cost of its coefficients (BIC, Schwarz 1978) and of its prior weight among all forms
+(Chen and Chen 2008). The best is accepted, then the best in the space that the accepted ones leave (orthogonal matching
+pursuit, Pati, Rezaiifar and Krishnaprasad 1993). For the held-out error the law is chosen again in every fold.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,14 +16,7 @@ from jaxtyping import Float, Int
 from tumblecal.chain import Where
 from tumblecal.diagnosis.findings.law_forms import Form, forms, values_of
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace, log_odds
-from tumblecal.diagnosis.priors import (
-    LAW_FOLDS,
-    LAW_TERMS,
-    LEAST_COEFFICIENT,
-    LIKELY_FORMS,
-    OF_HEAD,
-    SURE_LAW,
-)
+from tumblecal.diagnosis.priors import LAW_FOLDS, LAW_TERMS, LEAST_COEFFICIENT, LIKELY_FORMS, OF_HEAD, SURE_LAW
 from tumblecal.effects import AXES
 from tumblecal.ground.numbers_shown import rounded_together
 from tumblecal.ground.showing import brief
@@ -33,8 +25,9 @@ from tumblecal.ground.showing import brief
 _ALL_OUTPUTS, _ANGLES = "xyz", {"alpha": "spindle angle alpha", "beta": "pitch angle beta"}
 # The places where a form may act, as columns of `_responses`.
 _PLACES = {"x": [0], "y": [1], "z": [2], "alpha": [3], "beta": [4], _ALL_OUTPUTS: [0, 1, 2]}
-# Forms that the catalogue has already, by name and place.
-_LISTED = {*((f"product_{axis * 3}", axis) for axis in AXES), *((f"harmonic_{k}", "alpha") for k in (1, 2))}
+# Forms that the catalogue has already, by name and place: cubes, steps at zero, eccentric and elliptic index.
+_LISTED = {*((f"product_{axis * 3}", axis) for axis in AXES), *((f"step_{axis}_6", axis) for axis in AXES)}
+_LISTED |= {("harmonic_1", "alpha"), ("harmonic_2", "alpha")}
 # Values of a function below this are rounding; digits of scores beyond which they are equal.
 _ROUNDING, _EQUAL_DIGITS = 1e-9, 6
 
@@ -102,21 +95,20 @@ class _Chosen(NamedTuple):
 class _Table:
     """All forms for one problem, without functions that are zero at every position.
 
-    - `values`: of the functions, the second of a form with one function being zero; `price`: minus twice the logarithm of each
-      form's prior weight. `head`: what a rad of each angle of the head adds to the readings, g.
+    - `values`: of the functions, the second of a form with one function being zero. `price`: minus twice the logarithm of the
+      prior weight of each form at each place. `head`: what a rad of each angle of the head adds to the readings, g.
     """
 
     forms: Sequence[Form]
     values: Float[np.ndarray, "forms 2 positions"]
-    price: Float[np.ndarray, " forms"]
+    price: Float[np.ndarray, "places forms"]
     head: Float[np.ndarray, "positions 3 angles"]
 
     @classmethod
     def of(cls, where: Where, inputs: Float[np.ndarray, "positions 3"], head: np.ndarray) -> "_Table":
         """The forms of all families, which share the prior weight equally, as do the forms of a family and the places."""
         families, kept, rows, price = forms(where), list[Form](), [], []
-        listed = [form for family in families.values() for form in family]
-        values = iter(values_of(listed, where, inputs))
+        values = iter(values_of([form for family in families.values() for form in family], where, inputs))
         for form, count in ((form, len(family)) for family in families.values() for form in family):
             functions = [(*pair, next(values)) for pair in zip(form.words, form.code, strict=True)]
             functions = [function for function in functions if np.max(np.abs(function[2])) > _ROUNDING]
@@ -124,22 +116,13 @@ class _Table:
                 words, code, own = zip(*functions, strict=True)
                 kept.append(form._replace(words=words, code=code))
                 rows.append([*own, np.zeros(len(inputs))][:2])
-                price.append(2 * np.log(len(families) * count * len(_PLACES)))
-        return cls(kept, np.array(rows), np.array(price), head)
+                cost = 2 * np.log(len(families) * count * len(_PLACES))
+                price.append([cost + _cost_of_place(form, place) for place in _PLACES])
+        return cls(kept, np.array(rows), np.array(price).T, head)
 
     def only(self, numbers: Int[np.ndarray, " kept"]) -> "_Table":
         """Some of the forms alone."""
-        return _Table([self.forms[k] for k in numbers.tolist()], self.values[numbers], self.price[numbers], self.head)
-
-    @cached_property
-    def _excluded(self) -> dict[str, Int[np.ndarray, " excluded"]]:
-        """By place, the forms that the catalogue has there, or that cannot act there."""
-        return {
-            place: np.flatnonzero(
-                [(form.name, place) in _LISTED or (form.of_input and place in _ANGLES) for form in self.forms]
-            )
-            for place in _PLACES
-        }
+        return _Table([self.forms[k] for k in numbers], self.values[numbers], self.price[:, numbers], self.head)
 
     def responses(self, space: Float[np.ndarray, "nu positions 3"]) -> Float[np.ndarray, "places nu positions"]:
         """Response of a space to one unit at every position, on each output and each angle of the head."""
@@ -153,44 +136,45 @@ class _Table:
             columns += [responses[number] @ values for number in _PLACES[place]]
         return np.hstack(columns)
 
-    def scores(self, space: ResidualSpace) -> dict[str, Float[np.ndarray, " forms"]]:
-        """By place, twice the log odds of each form against none, including its prior weight."""
-        counts, scores = np.array([len(form.code) for form in self.forms]), np.empty((len(_PLACES), len(self.forms)))
-        for count in np.unique(counts).tolist():
-            some, responses = counts == count, self.responses(space.responses)
-            scores[:, some] = log_odds(space, self.values[some, :count], responses, [*_PLACES.values()])
-        scores -= self.price
-        for score, (place, excluded) in zip(scores, self._excluded.items(), strict=True):
-            score -= OF_HEAD * (place in _ANGLES)
-            score[excluded] = -np.inf
+    def scores(self, space: ResidualSpace, given: Sequence[_Chosen] = ()) -> Float[np.ndarray, "places forms"]:
+        """Twice the log odds of each form at each place against none, including its prior weight, given some forms."""
+        space = space.without(self.columns(given, space.responses)) if given else space
+        responses, counts = self.responses(space.responses), np.array([len(form.code) for form in self.forms])
+        odds = np.empty(self.price.shape)
+        for some in (counts == 1, counts == 2):
+            odds[:, some] = log_odds(
+                space, self.values[some, : counts[some].max(initial=1)], responses, _PLACES.values()
+            )
         # Forms may be equal at the positions of a fold: the first of them, however rounding falls.
-        return dict(zip(_PLACES, np.round(scores, _EQUAL_DIGITS), strict=True))
+        return np.round(odds - self.price, _EQUAL_DIGITS)
 
-    def given(self, space: ResidualSpace, chosen: Sequence[_Chosen]) -> ResidualSpace:
-        """The part of a space that some forms do not reach."""
-        return space.without(self.columns(chosen, space.responses)) if chosen else space
-
-    def best(self, scored: dict[str, Float[np.ndarray, " forms"]]) -> _Chosen | None:
+    def best(self, scores: Float[np.ndarray, "places forms"]) -> _Chosen | None:
         """The most probable form and its place; None if it is less probable than none."""
-        place = max(scored, key=lambda name: np.max(scored[name]))
-        number = int(np.argmax(scored[place]))
-        return _Chosen(number, place) if scored[place][number] > 0 else None
+        place, form = np.unravel_index(np.argmax(scores), scores.shape)
+        return _Chosen(int(form), [*_PLACES][place]) if scores[place, form] > 0 else None
 
     def chosen(self, space: ResidualSpace) -> list[_Chosen]:
         """Forms one by one, each the best given those selected before; each is then searched again, given the others."""
         taken: list[_Chosen] = []
-        while len(taken) < LAW_TERMS and (best := self.best(self.scores(self.given(space, taken)))) is not None:
+        while len(taken) < LAW_TERMS and (best := self.best(self.scores(space, taken))) is not None:
             taken.append(best)
             for k in range(len(taken) - 1):
-                taken[k] = self.best(self.scores(self.given(space, taken[:k] + taken[k + 1 :]))) or taken[k]
+                taken[k] = self.best(self.scores(space, taken[:k] + taken[k + 1 :])) or taken[k]
         return taken
 
     def likely(self, space: ResidualSpace) -> "_Table":
         """The most probable forms, alone or given the best one."""
         alone = self.scores(space)
-        listed = [alone] + [self.scores(self.given(space, [best])) for best in [self.best(alone)] if best]
-        ranked = [np.argsort(-np.max([*scored.values()], axis=0), kind="stable") for scored in listed]
-        return self.only(np.unique([numbers[:LIKELY_FORMS] for numbers in ranked]))
+        listed = [alone, *(self.scores(space, [best]) for best in [self.best(alone)] if best)]
+        ranked = [np.argsort(-np.max(scores, axis=0), kind="stable")[:LIKELY_FORMS] for scores in listed]
+        return self.only(np.unique(ranked))
+
+
+def _cost_of_place(form: Form, place: str) -> float:
+    """What a form must explain in addition to act at a place; nothing suffices where the catalogue has it, and an angle does
+    not depend on an input."""
+    excluded = (form.name, place) in _LISTED or (form.of_input and place in _ANGLES)
+    return np.inf if excluded else OF_HEAD * (place in _ANGLES)
 
 
 def candidate_law(

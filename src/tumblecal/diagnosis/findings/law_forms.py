@@ -1,8 +1,8 @@
 """Closed forms of a candidate law, each as the expression in a file for `--effects`.
 
-A form is a factor of one variable or the product of two. Factors: products of inputs, steps and knees of an input, harmonics,
-windows and bumps of the spindle angle, windows of the pitch settings, powers, exponentials, steps, periods and windows of the time,
-powers of the temperature. A table of families lists the products.
+A form is a factor of one variable or the product of two. Factors: products, steps and knees of inputs; harmonics, windows and
+bumps of the spindle angle; windows of the pitch settings; powers, decays, steps, periods and windows of the time; powers of the
+temperature. A table of families lists the products.
 """
 
 from collections.abc import Iterator, Sequence
@@ -89,7 +89,7 @@ def forms(where: Where) -> dict[str, list[Form]]:
         "harmonic": waves,
         "harmonic times input": _products(inputs, waves),
         "harmonic of the head": _products(waves, heads),
-        "step": [step for step in steps if step],
+        "step": list(steps),
         "knee": list(knees),
         "setting": settings,
         "box": [*alphas, *_products(alphas, settings)],
@@ -144,14 +144,14 @@ def _harmonics(where: Where) -> Iterator[Form]:
         yield Form(f"harmonic_{order}", tuple(words), tuple(codes))
 
 
-def _of_inputs() -> Iterator[tuple[Form | None, Form]]:
-    """Step and knee of each input at each threshold; a step at zero is a bias asymmetry, which the catalogue has."""
+def _of_inputs() -> Iterator[tuple[Form, Form]]:
+    """Step and knee of each input at each threshold."""
     for axis, (number, least) in product(range(3), enumerate(_THRESHOLDS.tolist())):
         words, code, name = f"u_{AXES[axis]}", f"u[{axis}]", f"{AXES[axis]}_{number}"
         less = f" {'-' if least > 0 else '+'} {abs(least)}" if least else ""
         step, over = f"jnp.where({code} > {least}, 1.0, 0.0)", f"jnp.maximum({code}{less}, 0.0)"
         yield (
-            Form(f"step_{name}", (f"step({words} > {least:g})",), (step,), words) if least else None,
+            Form(f"step_{name}", (f"step({words} > {least:g})",), (step,), words),
             Form(f"knee_{name}", (f"max({words}{less}, 0)",), (over,), words, "/g"),
         )
 

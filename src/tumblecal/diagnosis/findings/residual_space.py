@@ -1,6 +1,6 @@
 """The residual of a fit in the space that its parameters do not reach, and the response of that space to single readings."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,7 +108,7 @@ def log_odds(
     space: ResidualSpace,
     values: Float[np.ndarray, "signals functions positions"],
     responses: Float[np.ndarray, "places nu positions"],
-    together: Sequence[Sequence[int]],
+    together: Collection[Sequence[int]],
 ) -> Float[np.ndarray, "together signals"]:
     """Twice the log odds of signals against none (BIC), with a coefficient for each function at each place.
 

@@ -2,8 +2,8 @@
 errors of the pitch settings are the head's.
 
 About a mean the amounts scatter with a standard deviation tau, the most likely one (residual likelihood); the mean weighs each
-unit by (G^-1 + tau^2)^-1. Two levels, the best of all splits by Cochran's Q, are tested against this scatter by their likelihood
-ratio; its null distribution is drawn from the scatter, with the best split searched in every draw.
+unit by (G^-1 + tau^2)^-1. Two levels, the best of all splits by Cochran's Q, are tested against this scatter by their
+likelihood ratio; its null distribution is drawn from the scatter, with the best split searched in every draw.
 """
 
 from collections import Counter
@@ -114,12 +114,11 @@ class TwoLevels(NamedTuple):
 
 def two_levels(batch: Batch, best: SharedExplanation) -> Iterator[TwoLevels]:
     """The errors of the head (shared, random, or of some units) that have two levels."""
-    pairs = zip(batch.units, best.hypothesis.unit_causes, strict=True)
-    in_units = Counter(label for unit, causes in pairs for label in {unit.pool.labels[k] for k in causes})
-    common = {*best.by_unit, *(signal.label for signal in best.signals)}
-    signals = {signal.label: signal for signal in reversed([*best.hypothesis.signals, *best.varying]) if signal.is_effect}
-    tried = [signal for label, signal in signals.items() if label in common or in_units[label] > 1]
-    tried = [signal for signal in reversed(tried) if signal.of_head]
+    counts = Counter(2 * [*best.by_unit, *best.shared.labels])
+    for unit, causes in zip(batch.units, best.hypothesis.unit_causes, strict=True):
+        counts.update({unit.pool.labels[k] for k in causes})
+    signals = {signal.label: signal for signal in reversed(batch.signals) if signal.of_head and signal.is_effect}
+    tried = [signal for label, signal in reversed(signals.items()) if counts[label] > 1]
     for signal in tried:
         found = _split(unit_amounts(batch, best, signal))
         if found is not None and found.p_value * len(tried) < LEVELS_SIZE:

@@ -1,8 +1,7 @@
 """The measured head: joint fit of the shared errors with the parameters and causes of every unit.
 
 In every unit its own unknowns (nominal parameters, causes, deviations) are eliminated; the sum over the units determines the
-shared ones. The fit is linear: of large signals the units are linearised again at its solution (`joint`). Pitch errors are
-shared only where they agree (`amounts`).
+shared ones. Pitch errors are shared only where they agree (`amounts`).
 """
 
 from collections.abc import Sequence
@@ -27,8 +26,6 @@ from tumblecal.diagnosis.units.unit import TERM_SCALE, Batch
 _KEPT = 1e-3
 # Information that is less than this share of that of all units is rounding.
 _NO_INFORMATION = 1e-6
-# Steps between the values of a factor of covariances, so that units of one plan share quantities that the plan determines.
-_COARSE = 1.25
 
 
 def most_excluded(units: int) -> int:
@@ -42,7 +39,7 @@ class HeadFit:
 
     - `head`: the measured errors; None if no error is shared.
     - `pitch`: whether the errors of the pitch settings belong to the head; its `alone` by the units' numbers.
-    - `vectors`: full vector of every unit. `unit_values`, `unit_sd` (units, coefficients): separate estimate of the shared
+    - `unit_values`, `unit_sd` (units, coefficients): separate estimate of the shared
       coefficients by every unit, base units; nan if it does not determine one.
     - `directions`: from the estimated values to the errors of the head. `equations`: of every unit for them. `excluded`:
       numbers of the excluded units.
@@ -50,7 +47,6 @@ class HeadFit:
 
     head: MeasuredHead | None
     pitch: PitchSettings
-    vectors: tuple[Float[np.ndarray, " full"], ...]
     unit_values: Float[np.ndarray, "units coefficients"]
     unit_sd: Float[np.ndarray, "units coefficients"]
     directions: Float[np.ndarray, "errors unknowns"]
@@ -63,7 +59,7 @@ class HeadFit:
         gram, towards, _ = self.equations
         counts = np.array([number not in self.excluded for number in range(len(gram))], float)
         others = counts - np.diag(counts)
-        return NormalEquations(np.tensordot(others, gram, 1), others @ towards)
+        return NormalEquations(np.tensordot(others, gram, 1), others @ towards, np.zeros(len(gram)))
 
     @cached_property
     def consistent(self) -> tuple[float, ...]:
@@ -79,31 +75,27 @@ class HeadFit:
     def without(self, number: int) -> MeasuredHead | None:
         """The head as measured by the other units, so that the prior of a unit does not contain its own data.
 
-        The values are the others'. Their covariance is that of all units times a factor on a coarse scale: units of one plan
-        then share quantities that the plan determines.
+        The values are the others'. Their covariance is that of all units, for one unit fewer: units of one plan then share
+        quantities that the plan determines.
         """
-        if self.head is None or len(self.vectors) - len(self.excluded) < 2:
+        counted = len(self.unit_sd) - len(self.excluded)
+        if self.head is None or counted < 2:
             return None
-        gram, towards = (part[number] for part in self._others[:2])
-        whole = gram + self.equations.gram[number]
-        shown = np.diag(gram) > _NO_INFORMATION * np.diag(whole)
+        others = self._others.only(np.array(number))
+        shown = np.diag(others.gram) > _NO_INFORMATION * np.diag(others.gram + self.equations.gram[number])
         # The others know nothing of a pitch setting of this unit alone.
         kept = ~np.any(self.directions[:, ~shown] != 0, axis=1)
         if number in self.pitch.alone:
             kept &= [not name.startswith(PITCH_ERROR) for name in self.head.names]
         if not np.any(kept):
             return None
-        inside, chosen = np.ix_(shown, shown), np.flatnonzero(kept)
-        values = self.directions[:, shown] @ np.linalg.solve(gram[inside], towards[shown])
-        inverse = np.linalg.inv(np.linalg.cholesky(whole[inside]))
-        smallest = float(np.min(np.linalg.eigvalsh(inverse @ gram[inside] @ inverse.T)))
-        wider = _COARSE ** np.ceil(-np.log(max(smallest, _NO_INFORMATION)) / np.log(_COARSE) - 0.3)
+        chosen, values = np.flatnonzero(kept), others.of(np.flatnonzero(shown)).solved()
         return replace(
             self.head,
             names=tuple(self.head.names[k] for k in chosen),
             units=tuple(self.head.units[k] for k in chosen),
-            values=values[chosen],
-            covariance=self.head.covariance[np.ix_(chosen, chosen)] * wider,
+            values=self.directions[np.ix_(chosen, shown)] @ values,
+            covariance=self.head.covariance[np.ix_(chosen, chosen)] * counted / (counted - 1),
         )
 
 
@@ -121,28 +113,24 @@ def head_fit(
     shown = [(signal, axes) for signal, axes in hypothesis.axes(best.shared.members) if signal.is_effect]
     settings = {name for unit in batch.units for name in unit.levels}
     levels = sorted(settings, key=lambda name: float(name.partition("@")[2]))
-    fits = [
-        unit.with_pitch(unit.without_head(causes) if number in excluded else causes, levels)
-        for number, (unit, causes) in enumerate(zip(batch.units, hypothesis.unit_causes, strict=True))
-    ]
-    whole = NormalEquations.stacked([fit.equations for fit in fits])
-    equations = whole
+    pairs = enumerate(zip(batch.units, hypothesis.unit_causes, strict=True))
+    causes = ((unit, unit.without_head(own) if number in excluded else own) for number, (unit, own) in pairs)
+    equations = NormalEquations.stacked([unit.with_pitch(own, levels) for unit, own in causes])
     for effect in hypothesis.random_effects:
         equations = equations.marginal(*effect.law)
     # Means of the units' amounts are fitted too, but are nothing of the head.
     axes = np.asarray(block_diag(embedded([*shown, *hypothesis.means], width), np.eye(len(levels))))
     equations, count = equations.along(axes), axes.shape[1] - len(levels)
-    counted = np.array([number not in excluded for number in range(len(fits))])
+    counted = np.array([number not in excluded for number in range(len(batch.units))])
     of_shared, of_pitch = np.split(np.arange(axes.shape[1]), [count])
     separate = equations.eliminated(of_pitch)
-    common, solution = separate.of(of_shared).only(counted).total, np.zeros(equations.towards.shape)
-    solution[:, of_shared] = np.linalg.solve(common.gram, common.towards)
-    pitch_errors = equations.given(solution).of(of_pitch)
-    solution[:, of_pitch] = pitch_errors.solved()
-    pitch = pitch_settings(pitch_errors, counted, most_excluded(len(fits)) - len(excluded))
+    common, solution = separate.of(of_shared).only(counted).total, np.zeros(axes.shape[1])
+    solution[of_shared] = np.linalg.solve(common.gram, common.towards)
+    most_alone = most_excluded(len(counted)) - len(excluded)
+    pitch = pitch_settings(equations.given(solution).of(of_pitch), counted, most_alone)
     # Of the settings of a unit with other pitch errors nothing is known.
     seen = np.flatnonzero(pitch.seen) if pitch.common else np.zeros(0, int)
-    kept, alone = [*of_shared, *of_pitch[seen]], [*pitch.alone, *excluded] if pitch.common else [*range(len(fits))]
+    kept, alone = [*of_shared, *of_pitch[seen]], [*pitch.alone, *excluded] if pitch.common else [*range(len(counted))]
     joint, own = equations.of(kept), separate.of(kept)
     joint.gram[alone], joint.towards[alone] = own.gram[alone], own.towards[alone]
     scales = np.concatenate([np.zeros(0), *(signal.scales for signal, _ in shown)])
@@ -153,7 +141,7 @@ def head_fit(
     directions, head = np.asarray(block_diag(to_head, TERM_SCALE * np.eye(len(seen)))), None
     if names:
         total = joint.only(counted).total
-        hidden = [(np.eye(len(own)) - own @ own.T) * np.outer(signal.scales, signal.scales) for signal, own in shown]
+        hidden = [(np.eye(len(q)) - q @ q.T) * np.outer(signal.scales, signal.scales) for signal, q in shown]
         covariance = directions @ np.linalg.inv(total.gram) @ directions.T
         covariance += _KEPT**2 * np.asarray(block_diag(*hidden, np.zeros((len(seen), len(seen)))))
         head = MeasuredHead(
@@ -165,14 +153,9 @@ def head_fit(
             0.5 * (covariance + covariance.T),
             tuple(source for source, counts in zip(sources, counted.tolist(), strict=True) if counts),
         )
-    # With the most probable deviations of every unit.
-    full = solution @ axes.T
-    for effect in hypothesis.random_effects:
-        full = full + whole.given(full).deviations(*effect.law)
-    vectors = tuple(fit.vector(own) for fit, own in zip(fits, full, strict=True))
     # The estimate of the shared coefficients by every unit alone; nan where it shows nothing of one.
     covariances = pseudo_inverse(separate.of(of_shared).gram)
     values = np.matvec(to_head @ covariances, separate.of(of_shared).towards)
     sd = np.sqrt(np.vecdot(to_head @ covariances, to_head))
     values, sd = (np.where(sd > 0, part, np.nan) for part in (values, sd))
-    return HeadFit(head, pitch, vectors, values, sd, directions, joint, excluded)
+    return HeadFit(head, pitch, values, sd, directions, joint, excluded)

@@ -1,5 +1,5 @@
-"""Hypotheses of the mixed model: errors shared by all units with one coefficient, effects that each unit has by a different amount
-(random effects), and causes of single units. The shared errors are searched given the other two.
+"""Hypotheses of the mixed model: errors shared by all units with one coefficient, effects that each unit has by a different
+amount (random effects), and causes of single units. The shared errors are searched given the other two.
 
 As in one data set: the normal equations of the shared signals, summed over the units, are a residual space for `Search`.
 """
@@ -99,17 +99,12 @@ class Hypothesis:
         own = self.total.along(directions)
         return directions @ (np.linalg.pinv(own.gram, rcond=_ROUNDING, hermitian=True) @ own.towards)
 
-    def by_unit(self, coefficients: Float[np.ndarray, " columns"]) -> Float[np.ndarray, "units columns"]:
-        """Common coefficients with the most probable deviations of every unit."""
-        own = np.tile(coefficients, (len(self.batch.units), 1))
-        for effect in self.random_effects:
-            own = own + self.equations.given(own).deviations(*effect.law)
-        return own
-
     def residuals(self, members: Sequence[int]) -> list[Float[np.ndarray, " nu"]]:
         """Of every unit, given a set of shared errors and the most probable deviations of the unit."""
-        pairs = zip(self.batch.units, self.by_unit(self.coefficients(members)), strict=True)
-        return [unit.z - unit.response @ own for unit, own in pairs]
+        own = np.tile(self.coefficients(members), (len(self.batch.units), 1))
+        for effect in self.random_effects:
+            own = own + self.equations.given(own).deviations(*effect.law)
+        return [unit.z - unit.response @ each for unit, each in zip(self.batch.units, own, strict=True)]
 
 
 def embedded(parts: Sequence[tuple[SharedSignal, np.ndarray]], width: int) -> Float[np.ndarray, "width directions"]:
@@ -176,17 +171,17 @@ def _pool(equations: NormalEquations, batch: Batch) -> tuple[Pool, tuple[SharedS
                 shown.append((signal, seen.block, seen.directions / norms[columns][:, None]))
         elif signal.of_head and size > LEAST_VISIBLE_TERM:
             shown.append((signal, rows[columns].T / size, None))
-    # A kind shares its weight among its candidates.
-    effects = sum(signal.is_effect for signal, *_ in shown)
-    kinds = {True: (EFFECT, effects, EFFECT_WEIGHT, EFFECT_TEST_WEIGHT)}
-    kinds[False] = GENERIC, len(shown) - effects, GENERIC_WEIGHT, GENERIC_TEST_WEIGHT
-    causes = []
+    causes, effects = [], sum(signal.is_effect for signal, *_ in shown)
     for signal, block, directions in shown:
-        kind, count, *weights = kinds[signal.is_effect]
-        logs = np.log(np.array(weights) / count).tolist()
-        causes.append(
-            Cause(kind, signal.label, *logs, block, slot=signal.slot, directions=directions, words=signal.words)
+        # A kind shares its weight among its candidates.
+        kind, weight, test_weight, count = (
+            (EFFECT, EFFECT_WEIGHT, EFFECT_TEST_WEIGHT, effects)
+            if signal.is_effect
+            else (GENERIC, GENERIC_WEIGHT, GENERIC_TEST_WEIGHT, len(shown) - effects)
         )
+        logs = float(np.log(weight / count)), float(np.log(test_weight / count))
+        own = {"slot": signal.slot, "directions": directions, "words": signal.words}
+        causes.append(Cause(kind, signal.label, *logs, block, **own))
     return Pool.of(causes, len(z)), tuple(signal for signal, *_ in shown), z
 
 

@@ -5,19 +5,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from tumblecal.chain.head_file import MeasuredHead
-from tumblecal.diagnosis.priors import MOST_RELINEARISATIONS, OUTLYING_UNIT, SETTLED_UNIT, TOO_LARGE_SD
+from tumblecal.diagnosis.priors import OUTLYING_UNIT, SURE, TOO_LARGE_SD
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.units.amounts import TwoLevels, UnitAmounts, two_levels, unit_amounts
 from tumblecal.diagnosis.units.head_fit import HeadFit, head_fit, most_excluded
 from tumblecal.diagnosis.units.search import JointPosterior, SharedExplanation, joint_posterior
-from tumblecal.diagnosis.units.unit import Batch, SharedSignal, Unit, linearised, shared_signals
+from tumblecal.diagnosis.units.unit import Batch, SharedSignal, linearised, shared_signals
 from tumblecal.estimation.plausibility import Implausible, implausible_head
-from tumblecal.full_model.priors import LARGE
-from tumblecal.full_model.tangent import tangent
 from tumblecal.ground.errors import InputError
 
 
@@ -43,15 +39,18 @@ class JointDiagnosis:
     @property
     def verdict(self) -> str:
         """The verdict for the shared errors: adequate, identified, ambiguous or unexplained."""
-        by_unit = self.joint.best.by_unit
-        if self.hand_held:
-            return self.joint.differing(by_unit) if by_unit else "adequate"
-        verdict = self.joint.verdict
-        if verdict == "adequate" and self.levels:
-            verdict = self.joint.differing([levels.signal.label for levels in self.levels])
-        if not self.implausible:
-            return verdict
-        return {"adequate": "unexplained", "identified": "ambiguous"}.get(verdict, verdict)
+        best, levels = self.joint.best, [levels.signal.label for levels in self.levels]
+        # Errors that are not the same for all units.
+        differing = best.by_unit if self.hand_held else best.head_by_unit if self.joint.detected else levels
+        if best.shared.unexplained or (self.implausible and not (best.shared.labels or differing)):
+            return "unexplained"
+        if best.shared.labels:
+            sure = best.shared.single_name and best.probability >= SURE
+        elif differing:
+            sure = len(differing) == 1 and self.joint.by_unit_probability(differing[0]) >= SURE
+        else:
+            return "adequate"
+        return "identified" if sure and not self.implausible else "ambiguous"
 
     @property
     def measured(self) -> MeasuredHead | None:
@@ -130,7 +129,8 @@ def joint_diagnosis(
     impossible, excluded = frozenset[str](), frozenset[int]()
     while True:
         batch = Batch.of(starts, shared_signals(starts, impossible))
-        found = _converged(batch, sources, excluded)
+        joint = joint_posterior(batch.excluding(excluded))
+        found = JointDiagnosis(batch, joint, head_fit(batch, joint.best, sources, excluded))
         too_large = impossible_effects(found.joint.best, found.fit.head) - impossible
         # A deviating unit would add a part of its error to the shared errors.
         more = frozenset(found.outlying) | {*found.fit.pitch.alone}
@@ -151,33 +151,3 @@ def impossible_effects(best: SharedExplanation, head: MeasuredHead | None) -> fr
     largest = [(signal, [sizes.get(name, 0.0) for name in signal.slot.names]) for signal in best.signals]
     largest += [(one.signal, [one.tau * max(one.signal.scales)]) for one in best.hypothesis.random_effects]
     return frozenset(signal.label for signal, own in largest if max(own, default=0.0) > signal.slot.largest)
-
-
-def _converged(batch: Batch, sources: Sequence[str], excluded: frozenset[int]) -> JointDiagnosis:
-    """The errors that the units share, some of them excluded; around the solution where it is large."""
-    number = 0
-    while True:
-        joint = joint_posterior(batch.excluding(excluded))
-        best, fit = joint.best, head_fit(batch, joint.best, sources, excluded)
-        vectors = [unit.at.vector if k in excluded else fit.vectors[k] for k, unit in enumerate(batch.units)]
-        # In the noise of each unit: the shared signal in its residual space, and how far it moves.
-        signals, steps, coefficients = [], [], best.coefficients
-        for unit, vector in zip(best.hypothesis.batch.units, vectors, strict=True):
-            signals.append(np.linalg.norm(unit.response @ coefficients))
-            step = (vector - unit.at.vector) / unit.at.model.scales
-            steps.append(np.linalg.norm(unit.at.jacobian @ step) / unit.sigma)
-        bent = max(signals) > LARGE and max(steps) > SETTLED_UNIT
-        new_noise = number == 0 and bool(best.shared.labels) and not batch.noise_known
-        if number == MOST_RELINEARISATIONS or not (bent or new_noise):
-            return JointDiagnosis(batch, joint, fit)
-        # Again around the shared solution, and with the noise that it leaves.
-        batch, number = Batch.of(_linearised_at(batch, vectors, best), batch.signals), number + 1
-
-
-def _linearised_at(batch: Batch, vectors: Sequence[Float[np.ndarray, " full"]], best: SharedExplanation) -> list[Unit]:
-    """The units at other vectors, each with the noise that the best explanation leaves."""
-    residuals, causes, units = best.hypothesis.residuals(best.shared.members), best.hypothesis.unit_causes, []
-    for unit, vector, z, own in zip(batch.units, vectors, residuals, causes, strict=True):
-        sigma = 1.0 if unit.at.problem.known else unit.sigma * Search(unit.pool, z, True).sigma(own)
-        units.append(Unit.of(tangent(unit.at.model, unit.at.problem, vector), sigma, unit.pool.generic))
-    return units

@@ -1,4 +1,4 @@
-"""`diagnosis.json` of units on one head: the schema of one diagnosis, with `units` and more added; and sizes in display units."""
+"""`diagnosis.json` of units on one head: the schema of one diagnosis, with `units` and more; and sizes in display units."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -43,13 +43,15 @@ def spread_sizes(found: JointDiagnosis, entries: Catalogue) -> dict[str, Sizes]:
     for id in found.joint.best.by_unit:
         amounts = found.amounts[id]
         names, scales = _names_and_scales(amounts.signal, entries)
-        means, sds = (np.where(amounts.determined, part * scales, np.nan) for part in amounts.mean)
-        rows = np.array([means, sds, amounts.tau * scales], object).T
-        rows[np.isnan(rows.astype(float))] = None
-        keys = ("mean", "mean_sd", "sd_between_units")
+        columns = (*(part * scales for part in amounts.mean), amounts.tau * scales, amounts.determined)
         listed[id] = {
-            name: dict(zip(keys, row, strict=True)) | {"unit": entries[id].unit}
-            for name, row in zip(names, rows.tolist(), strict=True)
+            name: {
+                "mean": mean if alone else None,
+                "mean_sd": sd if alone else None,
+                "sd_between_units": between,
+                "unit": entries[id].unit,
+            }
+            for name, mean, sd, between, alone in zip(names, *(column.tolist() for column in columns), strict=True)
         }
     return listed
 
@@ -61,18 +63,14 @@ def level_sizes(found: JointDiagnosis, entries: Catalogue, units: UnitRows) -> l
     for levels in found.levels:
         id = levels.signal.label
         names, scales = _names_and_scales(levels.signal, entries)
-        alone, bounds = found.amounts[id].determined, ((0, levels.first - 1), (levels.first, len(units) - 1))
-        parts = [
-            {
-                "first": units[first][0],
-                "last": units[last][0],
-                "coefficients": {
-                    names[k]: {"value": float(values[k]), "sd": float(sds[k]), "unit": entries[id].unit}
-                    for k in np.flatnonzero(alone)
-                },
+        alone, parts = found.amounts[id].determined, []
+        bounds = (0, levels.first - 1), (levels.first, len(units) - 1)
+        for (first, last), values, sds in zip(bounds, levels.values * scales, levels.sd * scales, strict=True):
+            sizes = zip(names, values.tolist(), sds.tolist(), alone, strict=True)
+            own = {
+                name: {"value": value, "sd": sd, "unit": entries[id].unit} for name, value, sd, known in sizes if known
             }
-            for (first, last), values, sds in zip(bounds, levels.values * scales, levels.sd * scales, strict=True)
-        ]
+            parts.append({"first": units[first][0], "last": units[last][0], "coefficients": own})
         listed.append({"effect": id, "p_value": levels.p_value, "parts": parts})
     return listed
 
@@ -87,7 +85,9 @@ def origins(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict[str, An
     """Head or sensor: for every effect, the part that it belongs to, and the probabilities that all units share it and that it
     differs between units."""
     listed = {}
-    for id in dict.fromkeys(slot.id for unit in found.batch.units for slot in unit.at.model.slots if slot.id in entries):
+    for id in dict.fromkeys(
+        slot.id for unit in found.batch.units for slot in unit.at.model.slots if slot.id in entries
+    ):
         shared, by_unit = found.joint.shared_probability(id), found.joint.by_unit_probability(id)
         if max(shared, by_unit) > _LEAST_ORIGIN:
             listed[id] = {"belongs_to": belongs_to(entries[id]), "shared": shared, "by_unit": by_unit}

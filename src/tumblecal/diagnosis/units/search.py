@@ -1,9 +1,9 @@
 """Search of the errors that the units share: hypotheses of the mixed model, and the explanations that they make up.
 
-Random effects and causes of single units are searched given the leading sets of shared errors, then those sets given them, in turn.
+Random effects and causes of single units are searched given the leading sets of shared errors, then those given them, in turn.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,6 @@ from tumblecal.diagnosis.priors import (
     MOST_RANDOM_EFFECTS,
     RANDOM_EFFECTS_TRIED,
     SIZE,
-    SURE,
 )
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.classes import explanations
@@ -94,21 +93,6 @@ class JointPosterior:
         if not self.detected:
             return next(explanation for explanation in self.explanations if not explanation.shared.labels)
         return next(one for one in self.explanations if one.shared.labels or one.head_by_unit)
-
-    @property
-    def verdict(self) -> str:
-        """The verdict for the shared errors: adequate, identified, ambiguous or unexplained."""
-        shared = self.best.shared
-        if not shared.labels:
-            return self.differing(self.best.head_by_unit) if self.detected else "adequate"
-        if shared.unexplained:
-            return "unexplained"
-        return "identified" if shared.single_name and self.best.probability >= SURE else "ambiguous"
-
-    def differing(self, ids: Collection[str]) -> str:
-        """The verdict on a head of which these errors are not the same for all units: identified or ambiguous."""
-        sure = len(ids) == 1 and all(self.by_unit_probability(id) >= SURE for id in ids)
-        return "identified" if sure else "ambiguous"
 
     def shared_probability(self, id: str) -> float:
         """Probability that an effect, or one indistinguishable from it, is shared by all units, with one coefficient."""

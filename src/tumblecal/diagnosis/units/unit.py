@@ -1,4 +1,4 @@
-"""One unit where it is linearised: residual, the signals that it may share with others, and its own causes; and a batch of units."""
+"""A unit where it is linearised: residual, signals that it may share with others, and its own causes; a batch of units."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,7 +6,7 @@ from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from tumblecal.chain.head_file import pitch_names
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
@@ -21,13 +21,11 @@ from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.units.mixed_model import NormalEquations
 from tumblecal.effects.effect import of_head
 from tumblecal.full_model.layout import Slot
-from tumblecal.full_model.tangent import Tangent, tangent
+from tumblecal.full_model.tangent import Tangent, tangent, unreachable
 
 
 # Generic terms and pitch errors are counted in this size, g or rad.
 TERM_SCALE = 1e-4
-# Directions of a unit's own unknowns below this share of the largest contain only rounding errors.
-_PRIVATE_ROUNDING = 1e-10
 
 
 class SharedSignal(NamedTuple):
@@ -66,21 +64,14 @@ class Unit:
     """One unit where it is linearised.
 
     - `at`: its problem; `sigma`: its noise in units of the white rows; `pool`: its causes, for residuals in units of that.
-    - `rows`: white rows of the signals of a batch, zero if the unit lacks a required column; `places`: their columns in the
-      full vector, -1 for none.
+    - `rows`: white rows of the signals of a batch; zero if the unit lacks a required column.
     """
 
     at: Tangent
     pool: Pool
     sigma: float
     rows: Float[np.ndarray, "rows columns"] = field(default_factory=lambda: np.zeros((0, 0)))
-    places: Int[np.ndarray, " columns"] = field(default_factory=lambda: np.zeros(0, int))
     _searched: list[tuple[Float[np.ndarray, " nu"], Members]] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, at: Tangent, sigma: float, generic: tuple[int, ...], visible: frozenset[str] | None = None) -> "Unit":
-        """With the causes of `causes.pool.pooled`."""
-        return cls(at, pooled(at, sigma, generic, visible).in_units_of(sigma), sigma)
 
     @cached_property
     def signals(self) -> list[tuple[SharedSignal, Float[np.ndarray, "rows coefficients"], bool]]:
@@ -162,80 +153,45 @@ class Unit:
         """The causes of the unit that are no errors of the head."""
         return self.only(causes, lambda cause: not (cause.slot.columns and of_head(cause.slot.links)))
 
-    def with_pitch(self, causes: Members, levels: Sequence[str]) -> "UnitFit":
-        """The shared effects, and the errors of the pitch settings of these names, with causes of the unit fitted or undone."""
-        at, model, fitted = self.at, self.at.model, [self.pool.causes[k] for k in causes]
+    def with_pitch(self, causes: Members, levels: Sequence[str]) -> NormalEquations:
+        """Of the shared signals, then the errors of the pitch settings of these names, with causes of the unit fitted or
+        undone."""
+        at, fitted = self.at, [self.pool.causes[k] for k in causes]
         problem = reduce(lambda problem, cause: cause.undone(problem), fitted, at.problem)
         if problem is not at.problem:
-            at = tangent(model, problem, at.vector)
-        weights = np.full(len(at.residual), 1.0 / self.sigma)
-        weights[: problem.readings.size] *= np.repeat(problem.takes_part, 3)
-        pitch = [model.names.index(f"dbeta_{k}") for k in range(len(self.levels))]
-        # Its own unknowns, scaled: nominal parameters without pitch errors, and the coefficients of its causes.
-        each = np.eye(len(model.scales))
-        moves = [each[:, [k for k in range(model.nominal) if k not in pitch]]]
-        moves += [each[:, list(cause.slot.columns)] @ cause.directions for cause in fitted if cause.directions is not None]
-        own, terms = np.hstack(moves), [term for cause in fitted for term in cause.terms]
-        # The shared unknowns: signals of the batch, then pitch errors.
-        shared, here = np.zeros((len(each), len(self.places) + len(levels))), np.flatnonzero(self.places >= 0)
-        shared[self.places[here], here] = 1.0
-        of_pitch = [len(self.places) + levels.index(name) for name in self.levels]
-        shared[pitch, of_pitch] = TERM_SCALE / model.scales[pitch]
-        start = model.with_nominal(at.vector[: model.nominal])
-        residual = at.residual + at.jacobian[:, pitch] @ (start[pitch] / model.scales[pitch])
-        start[pitch] = 0.0
-        private = np.column_stack([at.jacobian @ own, *(np.pad(term, (0, len(weights) - len(term))) for term in terms)])
-        rows = (part * weights[:, None] for part in (at.jacobian @ shared, private))
-        return UnitFit(start, *(model.scales[:, None] * part for part in (shared, own)), *rows, residual * weights)
-
-
-class UnitFit(NamedTuple):
-    """A unit with its own unknowns.
-
-    - `start`, `shared`, `own`: full vector without, and its changes by the shared and by the own unknowns.
-    - `rows`, `private`, `residual`: white rows of the shared and of the own unknowns, and of the residual.
-    """
-
-    start: Float[np.ndarray, " full"]
-    shared: Float[np.ndarray, "full unknowns"]
-    own: Float[np.ndarray, "full private"]
-    rows: Float[np.ndarray, "rows unknowns"]
-    private: Float[np.ndarray, "rows private"]
-    residual: Float[np.ndarray, " rows"]
-
-    @property
-    def equations(self) -> NormalEquations:
-        """Of the shared unknowns, the own ones eliminated."""
-        reduced = self.rows - self.private @ (self._inverse @ self.rows)
-        return NormalEquations(reduced.T @ self.rows, reduced.T @ self.residual)
-
-    @property
-    def _inverse(self) -> Float[np.ndarray, "private rows"]:
-        return np.linalg.pinv(self.private, rcond=_PRIVATE_ROUNDING)
-
-    def vector(self, solution: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " full"]:
-        """The full vector by the shared unknowns."""
-        own = self._inverse @ (self.residual - self.rows @ solution)
-        return self.start + self.shared @ solution + self.own @ own[: self.own.shape[1]]
+            at = tangent(at.model, problem, at.vector)
+        weights = np.full((len(at.residual), 1), 1.0 / self.sigma)
+        weights[: problem.readings.size, 0] *= np.repeat(problem.takes_part, 3)
+        pitch = [at.model.names.index(f"dbeta_{k}") for k in range(len(self.levels))]
+        rows = np.hstack([self.rows, np.zeros((len(weights), len(levels) + 1))])
+        of_pitch = [self.rows.shape[1] + levels.index(name) for name in self.levels]
+        rows[:, of_pitch] = at.jacobian[:, pitch] * (TERM_SCALE / at.model.scales[pitch])
+        rows[:, -1] = at.residual + at.jacobian[:, pitch] @ (at.vector[pitch] / at.model.scales[pitch])
+        # Its own unknowns: nominal parameters without pitch errors, and the coefficients of its causes.
+        own = [at.jacobian[:, [k for k in range(at.model.nominal) if k not in pitch]]]
+        own += [at.jacobian[:, list(cause.slot.columns)] @ cause.directions for cause in fitted if cause.slot.columns]
+        own += [np.pad(term, (0, len(weights) - len(term)))[:, None] for cause in fitted for term in cause.terms]
+        left = unreachable(np.hstack(own) * weights)[0].T @ (rows * weights)
+        return NormalEquations(left[:, :-1].T @ left[:, :-1], left[:, :-1].T @ left[:, -1], np.zeros(()))
 
 
 def linearised(screened: Screened) -> Unit:
-    """A unit as it was screened; where an effect with a time constant leads, with the time constant that fits.
+    """A unit as it was screened, around its exact fit where its errors are large, with the time constants that fit.
 
     The joint model is linear: of a strong warm-up a time constant that is only near leaves more than many an error of the head.
     """
-    known = screened.problem.known
+    at, pool, known = screened.at, screened.pool, screened.problem.known
     timed = [cause.slot for cause in screened.members if cause.slot.shape]
-    fit = screened.fit or fit_with(screened.at, screened.members) if timed or screened.large else None
-    if fit is None or not fit.code.good:
-        # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
-        sigma = 1.0 if known else screened.search.sigma(screened.best.members)
-        return Unit(screened.at, screened.pool.in_units_of(sigma), sigma)
-    model = screened.at.model.with_time_constants({slot.id: fit.vector[list(slot.shape)] for slot in timed})
-    vector = fit.vector.copy() if screened.large else screened.at.vector.copy()
-    vector[model.layout.shapes] = model.start[model.layout.shapes]
-    sigma = 1.0 if known else float(np.sqrt(fit.chi2 / fit.dof))
-    return Unit.of(tangent(model, screened.problem, vector), sigma, screened.pool.generic, screened.pool.visible)
+    fit = screened.fit or fit_with(at, screened.members) if timed or screened.large else None
+    # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
+    sigma = 1.0 if known else screened.search.sigma(screened.best.members)
+    if fit is not None and fit.code.good:
+        model = at.model.with_time_constants({slot.id: fit.vector[list(slot.shape)] for slot in timed})
+        vector = fit.vector.copy() if screened.large else at.vector.copy()
+        vector[model.layout.shapes] = model.start[model.layout.shapes]
+        sigma, at = 1.0 if known else float(np.sqrt(fit.chi2 / fit.dof)), tangent(model, screened.problem, vector)
+        pool = pooled(at, sigma, pool.generic, pool.visible)
+    return Unit(at, pool.in_units_of(sigma), sigma)
 
 
 @dataclass(frozen=True)
@@ -251,12 +207,11 @@ class Batch:
         columns: Mapping[tuple, list[int]] = {signal.key: list(signal.columns) for signal in signals}
         width, with_rows = sum(len(signal.scales) for signal in signals), []
         for unit in units:
-            rows, places = np.zeros((len(unit.at.residual), width)), np.full(width, -1)
+            rows = np.zeros((len(unit.at.residual), width))
             for signal, block, _ in unit.signals:
                 if signal.key in columns:
                     rows[:, columns[signal.key]] = block
-                    places[columns[signal.key]] = signal.slot.columns or -1
-            with_rows.append(replace(unit, rows=rows, places=places))
+            with_rows.append(replace(unit, rows=rows))
         return cls(tuple(with_rows), signals)
 
     def excluding(self, numbers: Collection[int]) -> "Batch":
