@@ -74,9 +74,7 @@ def test_a_local_error_is_found_where_it_is(instrument, known):
     assert np.array_equal(found.positions, inside)
     assert [(own.axis, np.sign(own.high + own.low)) for own in found.ranges] == [("z", 1.0), ("x", -1.0)]
     assert np.max(np.abs(found.values[inside] - added[inside])) < 5e-4
-    assert (
-        found.words.startswith("Excess at alpha 180 to 240, beta 30 to 60: z up to +") and "elsewhere" in found.words
-    )
+    assert found.words.startswith("Excess at alpha 180 to 240, beta 30 to 60: z up to +") and "elsewhere" in found.words
     # The box is the law of it, on the two outputs, and held-out positions are predicted better.
     assert law is not None and {term.acts_on for term in law.terms} == {"x", "z"}
     assert np.max(np.abs(law.signal - added)) < 4e-4 and law.after_g < law.before_g
@@ -105,7 +103,10 @@ def test_the_file_has_the_law_as_it_was_fitted():
     time, degc = np.arange(24) * 60.0, np.linspace(20.0, 26.0, 24)
     where = settings(alpha, beta, time_s=time, temperature_degc=degc)
     u, listed = rng.uniform(-1, 1, (24, 3)), forms(where)
-    families, names = {family: own[0] for family, own in listed.items()}, [form.name for own in listed.values() for form in own]
+    families, names = (
+        {family: own[0] for family, own in listed.items()},
+        [form.name for own in listed.values() for form in own],
+    )
     assert len(families) > 15 and len(set(names)) == len(names)
     written = (
         "product",
