@@ -4,7 +4,7 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
-from tumblecal.diagnosis.units.sizes import level_sizes, spread_sizes
+from tumblecal.diagnosis.units.record import level_sizes, spread_sizes
 from tumblecal.effects import catalogue
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.show.units_together import words_of_units

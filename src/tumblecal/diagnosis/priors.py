@@ -226,9 +226,6 @@ UNIT_SEARCHED = -1.0
 # The residual of a unit is searched once within this distance (in its noise): 212 of 212 searches so near to an earlier one
 # found the same causes (96 units with effects of 20 and 30 sigma); half of the searches are saved. (units, seeds 101 to 103)
 SAME_RESIDUAL = 0.5
-# A solution so near to where its unit was linearised (in its noise) is not linearised again: the next step was at most a
-# tenth of it (10 units with effects of 30 and 100 sigma).
-SETTLED_UNIT = 0.05
 # A unit deviates if its estimate of the shared errors is less probable than this, over all units together; it shows an effect
 # where noise alone would show as much in one of all units less often than this. (by thought)
 OUTLYING_UNIT, SHOWN_ALONE = 0.01, 0.01

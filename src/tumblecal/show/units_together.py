@@ -5,8 +5,7 @@ from pathlib import Path
 from tumblecal.chain.nominal import PITCH_ERROR
 from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.units import JointDiagnosis
-from tumblecal.diagnosis.units.record import units_record
-from tumblecal.diagnosis.units.sizes import UnitRows, head_sizes, level_sizes, origins, spread_sizes
+from tumblecal.diagnosis.units.record import UnitRows, head_sizes, level_sizes, origins, spread_sizes, units_record
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.atomic import write_texts

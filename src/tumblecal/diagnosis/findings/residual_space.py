@@ -1,10 +1,10 @@
 """The residual of a fit in the space that its parameters do not reach, and the response of that space to single readings."""
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
 from scipy.special import gammaincc
 
 from tumblecal.diagnosis.priors import VISIBLE_TERM
@@ -15,8 +15,8 @@ from tumblecal.ground.showing import brief
 
 # A direction counts if more than this share of the largest remains.
 _SEEN = 1e-6
-# Numbers of one array.
-_NUMBERS_AT_ONCE = 4_000_000
+# Square of a norm, of the largest one, that is rounding; numbers of one array.
+_ROUNDING, _NUMBERS_AT_ONCE = 1e-18, 4_000_000
 
 
 @dataclass(frozen=True)
@@ -66,14 +66,11 @@ class ResidualSpace:
         """Probability of residuals this large without further errors; None if the noise is not stated."""
         return float(gammaincc(self.dof / 2, self.squares / 2)) if self.known and self.dof else None
 
-    def log_gain(
-        self, explained: Float[np.ndarray, " signals"], removed: float = 0.0, rank: int = 0
-    ) -> Float[np.ndarray, " signals"]:
-        """Twice the log likelihood ratio of signals that explain these sums of squares, given others of a rank that have
-        removed one."""
+    def log_gain(self, explained: Float[np.ndarray, " signals"]) -> Float[np.ndarray, " signals"]:
+        """Twice the log likelihood ratio of signals that explain these sums of squares."""
         if self.known:
             return explained
-        return -(self.dof - rank) * np.log(np.maximum(1.0 - explained / (self.squares - removed), 1e-12))
+        return -self.dof * np.log(np.maximum(1.0 - explained / self.squares, 1e-12))
 
     def without(self, columns: Float[np.ndarray, "nu columns"]) -> "ResidualSpace":
         """The residual in the space that these columns do not reach either."""
@@ -107,19 +104,33 @@ class ResidualSpace:
         return values[:count].reshape(-1, 3), level * spread[:count].reshape(-1, 3)
 
 
-def products(
-    values: Float[np.ndarray, "positions functions"],
-    first: Float[np.ndarray, "nu positions"],
-    second: Float[np.ndarray, "nu positions"],
-    partners: Int[np.ndarray, "functions most"],
-) -> Float[np.ndarray, "functions most"]:
-    """Products of the signals `first @ v` of functions `v` of the positions with the signals `second @ v` of some partners of
-    each. Most functions are zero at most positions."""
-    functions, product, listed = csr_array(values.T), first.T @ second, []
-    for some in np.array_split(np.arange(len(partners)), 1 + partners.size * len(values) // _NUMBERS_AT_ONCE):
-        rows = functions[some] @ product
-        listed.append(np.stack([np.vecdot(rows, values[:, others].T) for others in partners[some].T], axis=1))
-    return np.concatenate(listed)
+def log_odds(
+    space: ResidualSpace,
+    values: Float[np.ndarray, "signals functions positions"],
+    responses: Float[np.ndarray, "places nu positions"],
+    together: Collection[Sequence[int]],
+) -> Float[np.ndarray, "together signals"]:
+    """Twice the log odds of signals against none (BIC), with a coefficient for each function at each place.
+
+    **Arguments:**
+
+    - `values`: of the functions of each signal. `responses`: of the space to one unit at every position, by place.
+    - `together`: the places at which a signal acts, one row of the odds for each.
+    """
+    listed, numbers = [], values.shape[1] * responses.shape[0] * responses.shape[1]
+    whole = np.sum(responses**2, axis=1).T
+    for some in np.array_split(values, 1 + len(values) * numbers // _NUMBERS_AT_ONCE):
+        every, odds = np.tensordot(some, responses, (2, 2)), []
+        sizes = some**2 @ whole
+        # Functions that act at excluded positions only are rounding.
+        least = np.maximum(VISIBLE_TERM**2 * sizes, _ROUNDING * np.max(sizes, axis=(0, 1), initial=0.0))
+        every *= (np.vecdot(every, every) > least)[..., None]
+        for places in together:
+            rows = every[:, :, list(places)].reshape(len(some), -1, len(space.z))
+            explained, rank = explained_by(rows @ rows.mT, rows @ space.z)
+            odds.append(space.log_gain(explained) - rank * np.log(space.responses[0].size))
+        listed.append(np.stack(odds))
+    return np.concatenate(listed, axis=1)
 
 
 def explained_by(

@@ -7,7 +7,6 @@ without whose positions no other error remains.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +14,8 @@ from jaxtyping import Bool, Float
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.findings.candidate_law import Law, candidate_law
-from tumblecal.diagnosis.findings.law_shapes import Form, boxes, pulses, values_of
-from tumblecal.diagnosis.findings.residual_space import ResidualSpace, explained_by, products
+from tumblecal.diagnosis.findings.law_forms import Form, boxes, pulses, values_of
+from tumblecal.diagnosis.findings.residual_space import ResidualSpace, log_odds
 from tumblecal.diagnosis.priors import (
     BOTH_ENDS,
     EXPLAINED_REST,
@@ -130,7 +129,7 @@ def excess(whole: ResidualSpace, fit: Fit, law: Law | None) -> Excess:
             values, sd = whole.predicted_errors(inside)
             errors = residuals.copy()
             errors[inside] = values
-            return Excess(form.words[0].strip("[]"), inside, _ranges(values, sd), errors)
+            return Excess(form.words[0].replace("] [", ", ").strip("[]"), inside, _ranges(values, sd), errors)
     values = residuals if law is None else law.signal
     sd = np.sqrt(whole.variance) * np.asarray(fit.problem.sd)
     return Excess("", np.asarray(fit.retained).copy(), _ranges(values[fit.retained], sd[fit.retained]), residuals)
@@ -158,7 +157,7 @@ def _ranges(values: Float[np.ndarray, "inside 3"], sd: Float[np.ndarray, "inside
 
 
 def _inside(form: Form, where: Where) -> Bool[np.ndarray, " positions"]:
-    return values_of([form], where, np.zeros((len(np.asarray(where.alpha)), 3)))[:, 0] > 0
+    return values_of([form], where, np.zeros((len(np.asarray(where.alpha)), 3)))[0] > 0
 
 
 def _regions(whole: ResidualSpace, where: Where) -> list[Form]:
@@ -167,7 +166,7 @@ def _regions(whole: ResidualSpace, where: Where) -> list[Form]:
     best = np.max(scores, initial=-np.inf)
     if best <= 0:
         return []
-    of_time = np.array([form.family == "pulse" for form in listed])
+    of_time = np.array([form.against == "time" for form in listed])
     if np.max(scores[~of_time], initial=-np.inf) > best - SURELY_TIME:
         # Pitch settings are measured one after the other: a range of times is then one of angles as well.
         scores = np.where(of_time, -np.inf, scores)
@@ -183,13 +182,10 @@ def _scanned(whole: ResidualSpace, where: Where) -> tuple[Sequence[Form], np.nda
     if not listed:
         return [], np.zeros(0), np.zeros(0)
     values = values_of(listed, where, np.zeros((count, 3)))
-    counts = values.sum(axis=0)
-    alone, gram = np.arange(len(listed))[:, None], np.zeros((len(listed), 3, 3))
-    responses = np.moveaxis(whole.responses, 2, 0)
-    for a, b in combinations_with_replacement(range(3), 2):
-        gram[:, a, b] = gram[:, b, a] = products(values, responses[a], responses[b], alone)[:, 0]
-    explained, rank = explained_by(gram, ((whole.z @ responses) @ values).T)
-    scores = whole.log_gain(explained) - rank * np.log(3 * count) - 2 * np.log(len(listed))
+    counts = values.sum(axis=1)
+    (scores,) = log_odds(whole, values[:, None], np.moveaxis(whole.responses, 2, 0), [range(3)]) - 2 * np.log(
+        len(listed)
+    )
     return listed, np.where((counts > 0) & (counts <= LARGEST_REGION * count), scores, -np.inf), counts
 
 

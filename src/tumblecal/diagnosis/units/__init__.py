@@ -16,11 +16,11 @@ evidence and leave G - G_.c (I / tau^2 + G_cc)^-1 G_c. (Lindley and Smith 1972).
 equations of beta, whose sets are searched as those of one file. The residual (restricted) likelihood of tau integrates a mean
 with a flat prior out (Patterson and Thompson 1971). Differences between units are tested by Cochran's Q (1954).
 
-Files: `batch` (data of the units), `mixed_model` (evidence), `hypotheses` and `search` (shared errors), `amounts` (amount of an
-effect in every unit, two levels, pitch settings), `head_fit` (the measured head), `joint` (the diagnosis). Rules outside the
-model: fewer than a third of the units may be excluded, because they deviate (`head_fit.most_excluded`); effects whose
-coefficients no head has are excluded, and the search is repeated (`joint.joint_diagnosis`); large signals are linearised again
-at the fit.
+Files: `unit` (data of the units), `mixed_model` (evidence), `hypotheses` and `search` (shared errors), `amounts` (amount of an
+effect in every unit, two levels, pitch settings), `head_fit` (the measured head), `joint` (the diagnosis), `record` (its
+numbers). Rules outside the model: fewer than a third of the units may be excluded, because they deviate
+(`head_fit.most_excluded`); effects whose coefficients no head has are excluded, and the search is repeated
+(`joint.joint_diagnosis`).
 """
 
 from tumblecal.diagnosis.units.joint import JointDiagnosis as JointDiagnosis

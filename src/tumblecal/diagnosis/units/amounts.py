@@ -2,8 +2,8 @@
 errors of the pitch settings are the head's.
 
 About a mean the amounts scatter with a standard deviation tau, the most likely one (residual likelihood); the mean weighs each
-unit by (G^-1 + tau^2)^-1. Two levels, the best of all splits, are tested against this scatter by their likelihood ratio; its
-null distribution is drawn from the scatter, with the best split searched in every draw.
+unit by (G^-1 + tau^2)^-1. Two levels, the best of all splits by Cochran's Q, are tested against this scatter by their
+likelihood ratio; its null distribution is drawn from the scatter, with the best split searched in every draw.
 """
 
 from collections import Counter
@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.priors import LEVELS_FIT, LEVELS_SIZE, PITCH_COMMON, PITCH_SEPARATED, SHOWN_ALONE
-from tumblecal.diagnosis.units.batch import Batch, SharedSignal
 from tumblecal.diagnosis.units.hypotheses import determined
-from tumblecal.diagnosis.units.mixed_model import NormalEquations, chi2_p_value, explained, profiles, rounding_of
+from tumblecal.diagnosis.units.mixed_model import NormalEquations, chi2_p_value, explained, rounding_of
 from tumblecal.diagnosis.units.search import SharedExplanation
+from tumblecal.diagnosis.units.unit import Batch, SharedSignal
 
 
 # Standard deviations tried, in the noise of one unit's coefficients, and none.
@@ -27,7 +27,7 @@ _TAUS = np.concatenate([[0.0], np.geomspace(0.1, 1e4, 60)])
 # A coefficient of whose direction the data determine this share of the square is determined by itself.
 _DETERMINED = 0.99
 # Of one unit alone nobody knows that the next ones would be like it.
-LEAST_UNITS = 2
+_LEAST_UNITS = 2
 _DRAWS = 1000
 
 
@@ -43,15 +43,6 @@ class UnitAmounts:
     axes: Float[np.ndarray, "coefficients determined"]
 
     @cached_property
-    def _floor(self) -> float:
-        return rounding_of(self.equations.gram)
-
-    @cached_property
-    def shown_by(self) -> Bool[np.ndarray, " units"]:
-        """Which units show every determined combination."""
-        return np.min(np.linalg.eigvalsh(self.equations.gram), axis=1, initial=np.inf) > self._floor
-
-    @cached_property
     def determined(self) -> Bool[np.ndarray, " coefficients"]:
         """Which coefficients the units determine by themselves."""
         return np.sum(self.axes**2, axis=1) > _DETERMINED
@@ -59,24 +50,24 @@ class UnitAmounts:
     @cached_property
     def shown_in(self) -> tuple[int, ...]:
         """Numbers of the units that show it clearly, each by itself."""
-        p_values = chi2_p_value(*explained(self.equations.gram, self.equations.towards, self._floor))
+        gram, towards, _ = self.equations
+        p_values = chi2_p_value(*explained(gram, towards, rounding_of(gram)))
         return tuple(np.flatnonzero(p_values < SHOWN_ALONE / len(p_values)).tolist())
 
     @cached_property
     def tau(self) -> float:
         """The standard deviation between units about their mean, scaled coefficients: the most likely one."""
-        likelihoods, taus = restricted_likelihoods(self.equations.gram, self.equations.towards[None])
-        return float(taus[np.argmax(likelihoods[:, 0])])
+        return most_likely_spread(self.equations)[0]
 
     @cached_property
     def mean(self) -> tuple[Float[np.ndarray, " coefficients"], Float[np.ndarray, " coefficients"]]:
         """The mean of these units and its sd by their noise, scaled, without combinations that no unit determines."""
-        gram, towards, _ = self.equations
+        gram = self.equations.gram
+        about = self.equations.marginal(range(gram.shape[-1]), self.tau)
         weights = np.linalg.inv(np.eye(gram.shape[-1]) + self.tau**2 * gram)
-        covariance = np.linalg.inv(np.sum(weights @ gram, axis=0))
-        mean = covariance @ np.sum(np.matvec(weights, towards), axis=0)
+        covariance = np.linalg.inv(about.total.gram)
         noise = covariance @ np.sum(weights @ gram @ weights.mT, axis=0) @ covariance
-        return self.axes @ mean, _sd(self.axes, noise)
+        return self.axes @ covariance @ about.total.towards, _sd(self.axes, noise)
 
 
 def _sd(axes: Float[np.ndarray, "coefficients k"], covariance: Float[np.ndarray, "k k"]) -> np.ndarray:
@@ -93,18 +84,18 @@ def unit_amounts(batch: Batch, best: SharedExplanation, signal: SharedSignal) ->
     for effect in hypothesis.random_effects:
         if effect.signal.label != signal.label:
             equations = equations.marginal(*effect.law)
-    gram, towards, log_evidence = equations.of(signal.columns)
-    axes, _ = determined(np.sum(gram, axis=0))
-    return UnitAmounts(signal, NormalEquations(axes.T @ gram @ axes, towards @ axes, log_evidence), axes)
+    own = equations.of(signal.columns)
+    axes, _ = determined(own.total.gram)
+    return UnitAmounts(signal, own.along(axes), axes)
 
 
-def restricted_likelihoods(
-    gram: Float[np.ndarray, "units k k"], towards: Float[np.ndarray, "draws units k"]
-) -> tuple[Float[np.ndarray, "taus draws"], Float[np.ndarray, " taus"]]:
-    """Residual log likelihood of each standard deviation between the units, for each set of data."""
-    largest = np.maximum(np.linalg.eigvalsh(gram)[:, -1], 0.0)
+def most_likely_spread(equations: NormalEquations) -> tuple[float, float]:
+    """The most likely standard deviation between the units, and the logarithm of its residual likelihood."""
+    largest = np.maximum(np.linalg.eigvalsh(equations.gram)[:, -1], 0.0)
     taus = _TAUS / np.sqrt(max(float(np.mean(largest)), 1e-300))
-    return np.stack([at.restricted for at in profiles(gram, towards, taus)]), taus
+    about = equations.marginal(range(equations.gram.shape[-1]), taus[:, None, None, None])
+    likelihoods = about.total.restricted
+    return float(taus[np.argmax(likelihoods)]), float(np.max(likelihoods))
 
 
 class TwoLevels(NamedTuple):
@@ -123,70 +114,55 @@ class TwoLevels(NamedTuple):
 
 def two_levels(batch: Batch, best: SharedExplanation) -> Iterator[TwoLevels]:
     """The errors of the head (shared, random, or of some units) that have two levels."""
-    tried = list(_candidates(batch, best))
+    counts = Counter(2 * [*best.by_unit, *best.shared.labels])
+    for unit, causes in zip(batch.units, best.hypothesis.unit_causes, strict=True):
+        counts.update({unit.pool.labels[k] for k in causes})
+    signals = {signal.label: signal for signal in reversed(batch.signals) if signal.of_head and signal.is_effect}
+    tried = [signal for label, signal in reversed(signals.items()) if counts[label] > 1]
     for signal in tried:
         found = _split(unit_amounts(batch, best, signal))
         if found is not None and found.p_value * len(tried) < LEVELS_SIZE:
             yield found._replace(p_value=min(1.0, found.p_value * len(tried)))
 
 
-def _candidates(batch: Batch, best: SharedExplanation) -> Iterator[SharedSignal]:
-    pairs = zip(batch.units, best.hypothesis.unit_causes, strict=True)
-    in_units = Counter(label for unit, causes in pairs for label in {unit.pool.labels[k] for k in causes.members})
-    common = {*best.by_unit, *(signal.label for signal in best.signals)}
-    signals = [*best.hypothesis.signals, *(effect.signal for effect in best.hypothesis.random_effects)]
-    for label, signal in reversed({signal.label: signal for signal in reversed(signals)}.items()):
-        if signal.is_effect and signal.of_head and (label in common or in_units[label] > 1):
-            yield signal
-
-
 def _split(amounts: UnitAmounts) -> TwoLevels | None:
-    """The best split and its p-value; None where there is no good one."""
-    axes, chosen = amounts.axes, np.flatnonzero(amounts.shown_by)
-    if len(chosen) < 2 * LEAST_UNITS:
+    """The best split of the units that show every combination, and its p-value; None where there is no good one."""
+    gram = amounts.equations.gram
+    chosen = np.flatnonzero(np.min(np.linalg.eigvalsh(gram), axis=1, initial=np.inf) > rounding_of(gram))
+    if len(chosen) < 2 * _LEAST_UNITS:
         return None
-    gram, towards, _ = amounts.equations.only(chosen)
-    squares = _squares_of_levels(gram, towards[None])[0]
-    split = int(np.argmax(squares)) + LEAST_UNITS
-    within = float(np.sum(explained(gram, towards, 0.0)[0])) - float(np.max(squares))
+    equations = amounts.equations.only(chosen)
+    ratio, split, within = _likelihood_ratio(equations)
     if chi2_p_value(np.array(within), np.array((len(chosen) - 2) * gram.shape[-1])) < LEVELS_FIT:
         return None
-    likelihoods, taus = restricted_likelihoods(gram, towards[None])
-    observed = 0.5 * float(np.max(squares)) - float(np.max(likelihoods))
-    drawn = _drawn(gram, float(taus[np.argmax(likelihoods)]))
-    null = 0.5 * np.max(_squares_of_levels(gram, drawn), axis=1) - np.max(
-        restricted_likelihoods(gram, drawn)[0], axis=0
-    )
-    covariances = [np.linalg.inv(np.sum(part, axis=0)) for part in np.split(gram, [split])]
-    levels = [
-        inverse @ np.sum(part, axis=0) for inverse, part in zip(covariances, np.split(towards, [split]), strict=True)
-    ]
+    # Units whose amounts scatter by the most likely standard deviation.
+    rng, tau = np.random.default_rng(0), most_likely_spread(equations)[0]
+    drawn, noise = (rng.normal(size=(_DRAWS, *equations.towards.shape)) for _ in range(2))
+    drawn = tau * np.matvec(equations.gram, drawn) + np.matvec(np.linalg.cholesky(equations.gram), noise)
+    null = [_likelihood_ratio(equations._replace(towards=towards))[0] for towards in drawn]
+    levels = [equations.only(part).total for part in np.split(np.arange(len(chosen)), [split])]
     return TwoLevels(
         amounts.signal,
         int(chosen[split]),
-        np.stack(levels) @ axes.T,
-        np.stack([_sd(axes, covariance) for covariance in covariances]),
-        (1 + int(np.sum(null >= observed))) / (1 + len(null)),
+        np.stack([level.solved() for level in levels]) @ amounts.axes.T,
+        np.stack([_sd(amounts.axes, np.linalg.inv(level.gram)) for level in levels]),
+        (1 + int(np.sum(np.array(null) >= ratio))) / (1 + len(null)),
     )
 
 
-def _squares_of_levels(
-    gram: Float[np.ndarray, "units k k"], towards: Float[np.ndarray, "draws units k"]
-) -> Float[np.ndarray, "draws splits"]:
-    """Sum of squares that two levels explain, by the split."""
-    inner = slice(LEAST_UNITS - 1, len(gram) - LEAST_UNITS)
-    before, sums, total = np.cumsum(gram, axis=0), np.cumsum(towards, axis=1), 0.0
-    after = before[-1] - before[inner], sums[:, -1:] - sums[:, inner]
-    for part, along in ((before[inner], sums[:, inner]), after):
-        total = total + np.vecdot(along, np.matvec(np.linalg.inv(part), along))
-    return np.asarray(total)
+def _likelihood_ratio(equations: NormalEquations) -> tuple[float, int, float]:
+    """Of the best two levels against a scatter about one mean; the first unit of the second level, and Q within the levels."""
+    splits, before = _splits(np.ones(len(equations.gram), bool))
+    statistics, _ = equations.heterogeneity(before, ~before)
+    within, squares = float(np.min(statistics)), float(np.sum(explained(equations.gram, equations.towards, 0.0)[0]))
+    ratio = 0.5 * (squares - within) - most_likely_spread(equations)[1]
+    return ratio, int(splits[np.argmin(statistics)]), within
 
 
-def _drawn(gram: Float[np.ndarray, "units k k"], tau: float) -> Float[np.ndarray, "draws units k"]:
-    """Normal equations of units whose amounts scatter by a standard deviation."""
-    rng = np.random.default_rng(0)
-    amounts, noise = (rng.normal(size=(_DRAWS, *gram.shape[:2])) for _ in range(2))
-    return tau * np.matvec(gram, amounts) + np.matvec(np.linalg.cholesky(gram), noise)
+def _splits(counted: Bool[np.ndarray, " units"]) -> tuple[Int[np.ndarray, " splits"], Bool[np.ndarray, "splits units"]]:
+    """The first unit of a second level of the units that count, with enough of them in each; and which are before it."""
+    splits = np.flatnonzero(counted)[_LEAST_UNITS : np.sum(counted) - _LEAST_UNITS + 1]
+    return splits, np.arange(len(counted)) < splits[:, None]
 
 
 class PitchSettings(NamedTuple):
@@ -220,12 +196,12 @@ def pitch_settings(equations: NormalEquations, counted: Bool[np.ndarray, " units
     - `equations` (units, settings): of the pitch errors; a setting that a unit lacks has no information.
     - `most_alone`: how many units may be excluded.
     """
-    numbers, kept, changed = np.arange(len(counted)), counted.copy(), None
+    kept, changed = counted.copy(), None
     (statistic,), (dof,) = equations.heterogeneity(kept[None])
     everybody = statistic, dof
     while chi2_p_value(statistic, dof) <= PITCH_COMMON and np.sum(counted & ~kept) < most_alone:
         candidates = np.flatnonzero(kept)
-        statistics, dofs = equations.heterogeneity(kept & (numbers != candidates[:, None]))
+        statistics, dofs = equations.heterogeneity(kept & (np.arange(len(kept)) != candidates[:, None]))
         farthest = np.argmin(statistics)
         if not _improved(statistic - statistics, dof - dofs)[farthest]:
             break
@@ -233,8 +209,7 @@ def pitch_settings(equations: NormalEquations, counted: Bool[np.ndarray, " units
         statistic, dof = statistics[farthest], dofs[farthest]
     if chi2_p_value(statistic, dof) <= PITCH_COMMON:
         kept, (statistic, dof) = counted, everybody
-        splits = np.flatnonzero(counted)[LEAST_UNITS : np.sum(counted) - LEAST_UNITS + 1]
-        before = numbers < splits[:, None]
+        splits, before = _splits(counted)
         statistics, dofs = equations.heterogeneity(counted & before, counted & ~before)
         agree = (chi2_p_value(statistics, dofs) > PITCH_COMMON) & _improved(statistic - statistics, dof - dofs)
         changed = int(splits[np.argmin(np.where(agree, statistics, np.inf))]) if np.any(agree) else None

@@ -1,14 +1,15 @@
-"""Hypotheses of the mixed model: shared errors, searched given the random effects and the causes of single units.
+"""Hypotheses of the mixed model: errors shared by all units with one coefficient, effects that each unit has by a different
+amount (random effects), and causes of single units. The shared errors are searched given the other two.
 
 As in one data set: the normal equations of the shared signals, summed over the units, are a residual space for `Search`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.diagnosis.causes.generic import GENERIC
@@ -22,10 +23,10 @@ from tumblecal.diagnosis.priors import (
     LEAST_VISIBLE_TERM,
     TAUS_TRIED,
 )
-from tumblecal.diagnosis.sets.cause_sets import Ranked
+from tumblecal.diagnosis.sets.cause_sets import Members, Ranked
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.units.batch import Batch, SharedSignal, UnitCauses
-from tumblecal.diagnosis.units.mixed_model import ROUNDING, NormalEquations, explained, profiles
+from tumblecal.diagnosis.units.mixed_model import ROUNDING, NormalEquations, explained
+from tumblecal.diagnosis.units.unit import Batch, SharedSignal
 from tumblecal.full_model.evidence import gain
 from tumblecal.full_model.priors import EFFECT_WEIGHT, VISIBLE
 from tumblecal.full_model.visibility import visibilities
@@ -60,7 +61,7 @@ class Hypothesis:
     """
 
     batch: Batch
-    unit_causes: tuple[UnitCauses, ...]
+    unit_causes: tuple[Members, ...]
     random_effects: tuple[RandomEffect, ...]
     equations: NormalEquations
     total: NormalEquations
@@ -79,40 +80,44 @@ class Hypothesis:
         """Log posterior that nothing is shared, on the same scale."""
         return self.log_evidence + self.search.posterior(())
 
+    @property
+    def means(self) -> list[tuple[SharedSignal, Float[np.ndarray, "coefficients determined"]]]:
+        """The random effects with a mean, and the combinations of coefficients of each that the units determine."""
+        signals = [effect.signal for effect in self.random_effects if effect.with_mean]
+        return [(signal, determined(self.total.of(signal.columns).gram)[0]) for signal in signals]
+
+    def axes(self, members: Sequence[int]) -> list[tuple[SharedSignal, Float[np.ndarray, "coefficients determined"]]]:
+        """The signals of a set of shared errors with their visible combinations of coefficients, orthonormal."""
+        directions = [self.search.pool.causes[k].directions for k in members]
+        axes = (np.ones((1, 1)) if own is None else np.linalg.qr(own)[0] for own in directions)
+        return list(zip([self.signals[k] for k in members], axes, strict=True))
+
     def coefficients(self, members: Sequence[int]) -> Float[np.ndarray, " columns"]:
         """Least-squares coefficients (scaled) of a set of shared errors and of the means of the random effects, zero
         elsewhere."""
-        blocks = [np.zeros((len(self.total.towards), 0))]
-        for k in members:
-            cause = self.search.pool.causes[k]
-            directions = np.ones((1, 1)) if cause.directions is None else cause.directions
-            blocks.append(self._embedded(self.signals[k], directions))
-        means = (effect.signal for effect in self.random_effects if effect.with_mean)
-        directions = np.hstack([*blocks, *(self._embedded(signal, self.mean_directions(signal)) for signal in means)])
-        gram = directions.T @ self.total.gram @ directions
-        return directions @ (
-            np.linalg.pinv(gram, rcond=_ROUNDING, hermitian=True) @ (directions.T @ self.total.towards)
-        )
-
-    def mean_directions(self, signal: SharedSignal) -> Float[np.ndarray, "coefficients determined"]:
-        """Orthonormal combinations of a random effect's mean coefficients that the units determine."""
-        return determined(self.total.of(signal.columns).gram)[0]
-
-    def _embedded(self, signal: SharedSignal, directions: np.ndarray) -> Float[np.ndarray, "columns directions"]:
-        embedded = np.zeros((len(self.total.towards), directions.shape[1]))
-        embedded[list(signal.columns)] = directions
-        return embedded
+        directions = embedded([*self.axes(members), *self.means], len(self.total.towards))
+        own = self.total.along(directions)
+        return directions @ (np.linalg.pinv(own.gram, rcond=_ROUNDING, hermitian=True) @ own.towards)
 
     def residuals(self, members: Sequence[int]) -> list[Float[np.ndarray, " nu"]]:
         """Of every unit, given a set of shared errors and the most probable deviations of the unit."""
-        coefficients = np.tile(self.coefficients(members), (len(self.batch.units), 1))
+        own = np.tile(self.coefficients(members), (len(self.batch.units), 1))
         for effect in self.random_effects:
-            coefficients = coefficients + self.equations.given(coefficients).deviations(*effect.law)
-        return [unit.z - unit.response @ each for unit, each in zip(self.batch.units, coefficients, strict=True)]
+            own = own + self.equations.given(own).deviations(*effect.law)
+        return [unit.z - unit.response @ each for unit, each in zip(self.batch.units, own, strict=True)]
+
+
+def embedded(parts: Sequence[tuple[SharedSignal, np.ndarray]], width: int) -> Float[np.ndarray, "width directions"]:
+    """Combinations of the coefficients of some signals, side by side, among all columns."""
+    rows = [np.zeros((width, 0))]
+    for signal, axes in parts:
+        rows.append(np.zeros((width, axes.shape[1])))
+        rows[-1][list(signal.columns)] = axes
+    return np.hstack(rows)
 
 
 def hypothesis(
-    batch: Batch, unit_causes: Sequence[UnitCauses], random_effects: tuple[RandomEffect, ...] = ()
+    batch: Batch, unit_causes: Sequence[Members], random_effects: tuple[RandomEffect, ...] = ()
 ) -> Hypothesis:
     """Search the shared errors, given the causes of the units and the random effects."""
     equations = marginal = batch.equations(unit_causes)
@@ -155,43 +160,29 @@ def _pool(equations: NormalEquations, batch: Batch) -> tuple[Pool, tuple[SharedS
     kept = values > _ROUNDING * np.max(values, initial=1e-300)
     roots, vectors = np.sqrt(values[kept]), vectors[:, kept]
     rows, z = vectors * roots, (vectors.T @ (equations.towards / norms)) / roots
-    of_head = [signal for signal in batch.signals if signal.of_head and len(z)]
     shown: list[tuple[SharedSignal, np.ndarray, np.ndarray | None]] = []
-    for signals, columns in _by_width([signal for signal in of_head if signal.is_effect]):
-        information, axes = np.linalg.eigh(squares[columns[:, :, None], columns[:, None, :]])
-        unprojected = axes * np.sqrt(np.maximum(information, 0.0))[:, None, :]
-        every = visibilities(unprojected, rows[columns], VISIBLE, 0.0)
-        seen = [every.of(number, signal.slot) for number, signal in enumerate(signals)]
-        for signal, own in zip(signals, seen, strict=True):
-            if own.block.shape[1]:
-                shown.append((signal, own.block, own.directions / norms[list(signal.columns)][:, None]))
-    effects = len(shown)
-    for signal in of_head:
-        size = np.linalg.norm(row := rows[list(signal.columns)])
-        if not signal.is_effect and size > LEAST_VISIBLE_TERM:
-            shown.append((signal, row.T / size, None))
-    shown.sort(key=lambda row: row[0].columns)
-    # A kind shares its weight among its candidates.
-    kinds = {
-        EFFECT: (effects, EFFECT_WEIGHT, EFFECT_TEST_WEIGHT),
-        GENERIC: (len(shown) - effects, GENERIC_WEIGHT, GENERIC_TEST_WEIGHT),
-    }
-    causes = []
+    for signal in batch.signals if len(z) else ():
+        columns, size = list(signal.columns), np.linalg.norm(rows[list(signal.columns)])
+        if signal.of_head and signal.is_effect:
+            information, axes = np.linalg.eigh(squares[np.ix_(columns, columns)])
+            unprojected = axes * np.sqrt(np.maximum(information, 0.0))
+            seen = visibilities(unprojected[None], rows[None, columns], VISIBLE, 0.0).of(0, signal.slot)
+            if seen.block.shape[1]:
+                shown.append((signal, seen.block, seen.directions / norms[columns][:, None]))
+        elif signal.of_head and size > LEAST_VISIBLE_TERM:
+            shown.append((signal, rows[columns].T / size, None))
+    causes, effects = [], sum(signal.is_effect for signal, *_ in shown)
     for signal, block, directions in shown:
-        count, weight, test_weight = kinds[kind := EFFECT if signal.is_effect else GENERIC]
+        # A kind shares its weight among its candidates.
+        kind, weight, test_weight, count = (
+            (EFFECT, EFFECT_WEIGHT, EFFECT_TEST_WEIGHT, effects)
+            if signal.is_effect
+            else (GENERIC, GENERIC_WEIGHT, GENERIC_TEST_WEIGHT, len(shown) - effects)
+        )
         logs = float(np.log(weight / count)), float(np.log(test_weight / count))
-        cause = Cause(kind, signal.label, *logs, block, slot=signal.slot, directions=directions, words=signal.words)
-        causes.append(cause)
-    return Pool.of(causes, len(z)), tuple(signal for signal, _, _ in shown), z
-
-
-def _by_width(
-    signals: Sequence[SharedSignal],
-) -> Iterator[tuple[list[SharedSignal], Int[np.ndarray, "signals coefficients"]]]:
-    """The signals with equally many coefficients together, and their columns."""
-    for width in sorted({len(signal.columns) for signal in signals}):
-        listed = [signal for signal in signals if len(signal.columns) == width]
-        yield listed, np.array([signal.columns for signal in listed])
+        own = {"slot": signal.slot, "directions": directions, "words": signal.words}
+        causes.append(Cause(kind, signal.label, *logs, block, **own))
+    return Pool.of(causes, len(z)), tuple(signal for signal, *_ in shown), z
 
 
 def likely_random_effects(
@@ -203,17 +194,16 @@ def likely_random_effects(
     of_head = sum(signal.of_head for signal in effects)
     weights = BATCH_WEIGHT / max(1, len(effects) - of_head), HEAD_SPREAD_WEIGHT / max(1, of_head)
     scored: list[tuple[float, RandomEffect]] = []
-    for of_width, columns in _by_width(effects):
-        gram = equations.gram[:, columns[:, :, None], columns[:, None, :]].swapaxes(0, 1)
-        largest = np.maximum(np.linalg.eigvalsh(gram)[..., -1], 0.0)
-        size = np.sqrt(np.mean(largest, axis=1))
-        shown = np.flatnonzero((size > ROUNDING) & (np.sum(largest > ROUNDING * size[:, None] ** 2, axis=1) > 1))
-        taus, towards, logs = np.array(TAUS_TRIED)[:, None] / size[shown], equations.towards[:, columns[shown]], []
-        for at in profiles(gram[shown], towards.swapaxes(0, 1)[:, None], taus):
-            logs += [at.about_zero[:, 0], at.about_zero[:, 0] + gain(*explained(at.gram, at.towards[:, 0]))]
-        odds, best = np.logaddexp.reduce(logs) - np.log(len(logs)), np.argmax(logs, axis=0).tolist()
-        for column, (number, row) in enumerate(zip(shown.tolist(), best, strict=True)):
-            log_odds = float(odds[column] + np.log(weights[of_width[number].of_head]))
-            log_prior, tau = log_odds - float(logs[row][column]), float(taus[row // 2, column])
-            scored.append((log_odds, RandomEffect(of_width[number], tau, row % 2 == 1, log_prior)))
+    for signal in effects:
+        own = equations.of(signal.columns)._replace(log_evidence=0.0)
+        largest = np.maximum(np.linalg.eigvalsh(own.gram)[:, -1], 0.0)
+        size = np.sqrt(np.mean(largest))
+        if size > ROUNDING and np.sum(largest > ROUNDING * size**2) > 1:
+            taus = np.array(TAUS_TRIED) / size
+            at = own.marginal(range(len(signal.columns)), taus[:, None, None, None]).total
+            logs = np.stack([at.log_evidence, at.log_evidence + gain(*explained(at.gram, at.towards))], axis=1).ravel()
+            best = int(np.argmax(logs))
+            odds = float(np.logaddexp.reduce(logs) - np.log(len(logs)) + np.log(weights[signal.of_head]))
+            effect = RandomEffect(signal, float(taus[best // 2]), best % 2 == 1, odds - float(logs[best]))
+            scored.append((odds, effect))
     return sorted(scored, key=lambda pair: -pair[0])[:most]

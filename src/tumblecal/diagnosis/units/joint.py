@@ -5,19 +5,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from tumblecal.chain.head_file import MeasuredHead
-from tumblecal.diagnosis.priors import MOST_RELINEARISATIONS, OUTLYING_UNIT, SETTLED_UNIT, TOO_LARGE_SD
+from tumblecal.diagnosis.priors import OUTLYING_UNIT, SURE, TOO_LARGE_SD
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.units.amounts import TwoLevels, UnitAmounts, two_levels, unit_amounts
-from tumblecal.diagnosis.units.batch import Batch, SharedSignal, Unit, linearised, shared_signals
 from tumblecal.diagnosis.units.head_fit import HeadFit, head_fit, most_excluded
 from tumblecal.diagnosis.units.search import JointPosterior, SharedExplanation, joint_posterior
+from tumblecal.diagnosis.units.unit import Batch, SharedSignal, linearised, shared_signals
 from tumblecal.estimation.plausibility import Implausible, implausible_head
-from tumblecal.full_model.priors import LARGE
-from tumblecal.full_model.tangent import tangent
 from tumblecal.ground.errors import InputError
 
 
@@ -43,15 +39,18 @@ class JointDiagnosis:
     @property
     def verdict(self) -> str:
         """The verdict for the shared errors: adequate, identified, ambiguous or unexplained."""
-        by_unit = self.joint.best.by_unit
-        if self.hand_held:
-            return self.joint.differing(by_unit) if by_unit else "adequate"
-        verdict = self.joint.verdict
-        if verdict == "adequate" and self.levels:
-            verdict = self.joint.differing([levels.signal.label for levels in self.levels])
-        if not self.implausible:
-            return verdict
-        return {"adequate": "unexplained", "identified": "ambiguous"}.get(verdict, verdict)
+        best, levels = self.joint.best, [levels.signal.label for levels in self.levels]
+        # Errors that are not the same for all units.
+        differing = best.by_unit if self.hand_held else best.head_by_unit if self.joint.detected else levels
+        if best.shared.unexplained or (self.implausible and not (best.shared.labels or differing)):
+            return "unexplained"
+        if best.shared.labels:
+            sure = best.shared.single_name and best.probability >= SURE
+        elif differing:
+            sure = len(differing) == 1 and self.joint.by_unit_probability(differing[0]) >= SURE
+        else:
+            return "adequate"
+        return "identified" if sure and not self.implausible else "ambiguous"
 
     @property
     def measured(self) -> MeasuredHead | None:
@@ -62,8 +61,7 @@ class JointDiagnosis:
     @cached_property
     def amounts(self) -> dict[str, UnitAmounts]:
         """Amount in every unit of each effect that differs between units or has two levels, by its id."""
-        varying = (effect.signal for effect in self.joint.best.hypothesis.random_effects)
-        signals = (*(levels.signal for levels in self.levels), *varying)
+        signals = (*(levels.signal for levels in self.levels), *self.joint.best.varying)
         return {signal.label: unit_amounts(self.batch, self.joint.best, signal) for signal in signals}
 
     @property
@@ -83,7 +81,7 @@ class JointDiagnosis:
         if not (self.unexplained or self.levels):
             return ()
         causes = enumerate(self.joint.best.hypothesis.unit_causes)
-        return tuple(k for k, own in causes if not own.members and k not in self.fit.excluded)
+        return tuple(k for k, own in causes if not own and k not in self.fit.excluded)
 
     @property
     def outlying(self) -> tuple[int, ...]:
@@ -91,10 +89,10 @@ class JointDiagnosis:
         the head that no other unit has."""
         deviating = set(self.fit.excluded)
         if self.shared:
-            consistent, units = self.fit.consistent, self.batch.units
-            for number, (unit, causes) in enumerate(zip(units, self.joint.best.hypothesis.unit_causes, strict=True)):
-                if consistent[number] < OUTLYING_UNIT / len(units) or unit.without_head(causes) != causes:
-                    deviating.add(number)
+            least = OUTLYING_UNIT / len(self.batch.units)
+            rows = zip(self.batch.units, self.joint.best.hypothesis.unit_causes, self.fit.consistent, strict=True)
+            needs = (p_value < least or unit.without_head(own) != own for unit, own, p_value in rows)
+            deviating |= {number for number, one in enumerate(needs) if one}
         return tuple(sorted(deviating))
 
     def known_to(self, number: int) -> MeasuredHead | None:
@@ -121,26 +119,27 @@ def joint_diagnosis(
         raise InputError(
             "--units: at least two units must be diagnosed; one file does not show which errors are shared"
         )
-    hand_held = [unit.at.model.hand_held for unit in screened]
-    if any(hand_held) and not all(hand_held):
-        held = ", ".join(source for source, free in zip(sources, hand_held, strict=True) if free)
+    held = [source for source, unit in zip(sources, screened, strict=True) if unit.at.model.hand_held]
+    if held and len(held) < len(screened):
         raise InputError(
-            f"--units: {held}: attitudes unknown (hand-held), but other files state angles of a head; run them separately"
+            f"--units: {', '.join(held)}: attitudes unknown (hand-held), but other files state angles of a head; "
+            "run them separately"
         )
     starts = [linearised(unit) for unit in screened]
     impossible, excluded = frozenset[str](), frozenset[int]()
     while True:
         batch = Batch.of(starts, shared_signals(starts, impossible))
-        found = _converged(batch, sources, excluded)
+        joint = joint_posterior(batch.excluding(excluded))
+        found = JointDiagnosis(batch, joint, head_fit(batch, joint.best, sources, excluded))
         too_large = impossible_effects(found.joint.best, found.fit.head) - impossible
-        if too_large:
-            impossible |= too_large
-            continue
         # A deviating unit would add a part of its error to the shared errors.
         more = frozenset(found.outlying) | {*found.fit.pitch.alone}
-        if more <= excluded or len(more) > most_excluded(len(starts)):
+        if too_large:
+            impossible |= too_large
+        elif more <= excluded or len(more) > most_excluded(len(starts)):
             break
-        excluded |= more
+        else:
+            excluded |= more
     head, levels = found.fit.head, tuple(two_levels(found.batch, found.joint.best))
     return replace(found, implausible=implausible_head(head, usual) if head is not None else (), levels=levels)
 
@@ -149,44 +148,6 @@ def impossible_effects(best: SharedExplanation, head: MeasuredHead | None) -> fr
     """Ids of the effects of an explanation that would need coefficients such as no head has (`Effect.largest`), common to all
     units or differing between them."""
     sizes = dict(zip(head.names, np.abs(head.values) - TOO_LARGE_SD * head.sd, strict=True)) if head else {}
-    shared = (
-        signal.label
-        for signal in best.signals
-        if any(sizes.get(name, 0.0) > signal.slot.largest for name in signal.slot.names)
-    )
-    effects = best.hypothesis.random_effects
-    varying = (one.signal for one in effects if one.tau * max(one.signal.scales) > one.signal.slot.largest)
-    return frozenset([*shared, *(signal.label for signal in varying)])
-
-
-def _converged(batch: Batch, sources: Sequence[str], excluded: frozenset[int]) -> JointDiagnosis:
-    """The errors that the units share, some of them excluded; around the solution where it is large."""
-    number = 0
-    while True:
-        joint = joint_posterior(batch.excluding(excluded))
-        best = joint.best
-        fit = head_fit(batch, best, sources, excluded)
-        vectors = [unit.at.vector if k in excluded else fit.vectors[k] for k, unit in enumerate(batch.units)]
-        # In the noise of each unit: the shared signal in its residual space, and how far it moves.
-        signals, steps, coefficients = [], [], best.coefficients
-        for unit, vector in zip(best.hypothesis.batch.units, vectors, strict=True):
-            signals.append(np.linalg.norm(unit.response @ coefficients))
-            step = (vector - unit.at.vector) / unit.at.model.scales
-            steps.append(np.linalg.norm(unit.at.jacobian @ step) / unit.sigma)
-        bent = max(signals) > LARGE and max(steps) > SETTLED_UNIT
-        new_noise = number == 0 and bool(best.shared.labels) and not batch.noise_known
-        if number == MOST_RELINEARISATIONS or not (bent or new_noise):
-            return JointDiagnosis(batch, joint, fit)
-        # Again around the shared solution, and with the noise that it leaves.
-        batch, number = Batch.of(_linearised_at(batch, vectors, best), batch.signals), number + 1
-
-
-def _linearised_at(batch: Batch, vectors: Sequence[Float[np.ndarray, " full"]], best: SharedExplanation) -> list[Unit]:
-    """The units at other vectors, each with the noise that the best explanation leaves."""
-    residuals, causes, units = best.hypothesis.residuals(best.shared.members), best.hypothesis.unit_causes, []
-    for unit, vector, z, own in zip(batch.units, vectors, residuals, causes, strict=True):
-        base = Search(unit.pool, z, True).base(own.members)
-        free = max(1, unit.pool.dof - base.q.shape[1])
-        sigma = 1.0 if unit.at.problem.known else unit.sigma * float(np.sqrt(base.left / free))
-        units.append(Unit.of(tangent(unit.at.model, unit.at.problem, vector), sigma, unit.pool.generic))
-    return units
+    largest = [(signal, [sizes.get(name, 0.0) for name in signal.slot.names]) for signal in best.signals]
+    largest += [(one.signal, [one.tau * max(one.signal.scales)]) for one in best.hypothesis.random_effects]
+    return frozenset(signal.label for signal, own in largest if max(own, default=0.0) > signal.slot.largest)

@@ -1,6 +1,6 @@
-"""Normal equations of units, and the likelihoods of the linear mixed model in closed form (equations: `units`)."""
+"""Normal equations of units, and the linear mixed model in closed form (equations: `units`)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ Columns = Sequence[int] | Int[np.ndarray, " columns"]
 
 
 class NormalEquations(NamedTuple):
-    """Of linear coefficients, for one unit or, with a leading axis, for many.
+    """Of linear coefficients, for one unit or, with leading axes, for many; the last of those axes is that of the units.
 
     - `gram` = X' M X; `towards` = X' M z. `log_evidence`: without these coefficients.
     """
@@ -36,12 +36,16 @@ class NormalEquations(NamedTuple):
     @property
     def total(self) -> "NormalEquations":
         """Of coefficients common to the units."""
-        return NormalEquations(*(np.sum(part, axis=0) for part in self))
+        return NormalEquations(self.gram.sum(axis=-3), self.towards.sum(axis=-2), np.sum(self.log_evidence, axis=-1))
 
     def of(self, columns: Columns) -> "NormalEquations":
         """Of some coefficients, the others being zero."""
         columns = list(columns)
         return self._replace(gram=self.gram[..., columns, :][..., columns], towards=self.towards[..., columns])
+
+    def along(self, axes: Float[np.ndarray, "columns k"]) -> "NormalEquations":
+        """Of combinations of the coefficients."""
+        return self._replace(gram=axes.T @ self.gram @ axes, towards=self.towards @ axes)
 
     def given(self, coefficients: Float[np.ndarray, "*units columns"]) -> "NormalEquations":
         """Of the differences from these coefficients."""
@@ -54,28 +58,39 @@ class NormalEquations(NamedTuple):
     def eliminated(self, columns: Columns, inverse: Float[np.ndarray, "*units k k"] | None = None) -> "NormalEquations":
         """With some coefficients estimated in every unit, of which nothing is left then, or with this inverse of the
         information on them."""
-        columns, part, across = list(columns), self.of(columns), self.gram[..., :, list(columns)]
-        weights = across @ (pseudo_inverse(part.gram) if inverse is None else inverse)
-        gram, towards = self.gram - weights @ across.mT, self.towards - np.matvec(weights, part.towards)
+        columns, part = list(columns), self.of(columns)
+        weights = self.gram[..., columns] @ (pseudo_inverse(part.gram) if inverse is None else inverse)
+        gram = self.gram - weights @ self.gram[..., columns, :]
+        towards = self.towards - np.matvec(weights, part.towards)
         if inverse is None:
             gram[..., columns, :], gram[..., columns], towards[..., columns] = 0.0, 0.0, 0.0
         return self._replace(gram=gram, towards=towards)
 
-    def marginal(self, columns: Columns, tau: float) -> "NormalEquations":
+    def marginal(self, columns: Columns, tau: float | Float[np.ndarray, "*shape 1 1"]) -> "NormalEquations":
         """With random effects of mean zero and standard deviation `tau` on some columns integrated out."""
-        part = self.of(columns)
-        precision = part.gram + np.eye(len(columns)) / tau**2
-        inverse = np.linalg.inv(precision)
+        part, inverse, log_determinant = self._shrunk(columns, tau)
         squares = np.vecdot(part.towards, np.matvec(inverse, part.towards))
-        log_evidence = self.log_evidence + 0.5 * (squares - np.linalg.slogdet(precision * tau**2)[1])
+        log_evidence = self.log_evidence + 0.5 * (squares - log_determinant)
         return self.eliminated(columns, inverse)._replace(log_evidence=log_evidence)
 
     def deviations(self, columns: Columns, tau: float) -> Float[np.ndarray, "*units columns"]:
         """Posterior mean of such random effects (all columns, zero elsewhere)."""
-        part, deviations = self.of(columns), np.zeros_like(self.towards)
-        precision = part.gram + np.eye(len(columns)) / tau**2
-        deviations[..., list(columns)] = np.linalg.solve(precision, part.towards[..., None])[..., 0]
+        part, inverse, _ = self._shrunk(columns, tau)
+        deviations = np.zeros_like(self.towards)
+        deviations[..., list(columns)] = np.matvec(inverse, part.towards)
         return deviations
+
+    def _shrunk(self, columns: Columns, tau: float | np.ndarray) -> tuple["NormalEquations", np.ndarray, np.ndarray]:
+        """(I / tau^2 + G)^-1 on some columns, and log|I + tau^2 G|."""
+        part = self.of(columns)
+        spread = np.eye(len(columns)) + tau**2 * part.gram
+        return part, tau**2 * np.linalg.inv(spread), np.linalg.slogdet(spread)[1]
+
+    @property
+    def restricted(self) -> Float[np.ndarray, " *units"]:
+        """Logarithm of the residual (restricted) likelihood: the coefficients integrated out with a flat prior."""
+        squares = np.vecdot(self.towards, np.linalg.solve(self.gram, self.towards[..., None])[..., 0])
+        return self.log_evidence + 0.5 * (squares - np.linalg.slogdet(self.gram)[1])
 
     def heterogeneity(
         self, *groups: Bool[np.ndarray, "choices units"]
@@ -83,8 +98,7 @@ class NormalEquations(NamedTuple):
         """Cochran's Q of the units within groups that have common coefficients, and its degrees of freedom, for each choice of
         the groups."""
         # A mean of all units changes nothing, but large equal coefficients would cost digits.
-        centred = self.given(self.total.solved())
-        floor = rounding_of(self.gram)
+        centred, floor = self.given(self.total.solved()), rounding_of(self.gram)
         squares, ranks = explained(centred.gram, centred.towards, floor)
         statistic, dof = np.zeros(len(groups[0])), np.zeros(len(groups[0]), int)
         for group in groups:
@@ -122,36 +136,3 @@ def explained(
 def chi2_p_value(squares: Float[np.ndarray, " *n"], dof: Int[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
     """Probability of sums of squares of so many degrees of freedom, or larger ones, by noise alone; 1 for none."""
     return np.where(dof > 0, gammaincc(np.maximum(dof, 1) / 2, np.maximum(squares, 0.0) / 2), 1.0)
-
-
-class Profile(NamedTuple):
-    """Marginal likelihood at one standard deviation of the random effects: its logarithm about a mean of zero, and the normal
-    equations of the mean."""
-
-    about_zero: Float[np.ndarray, "*effects draws"]
-    gram: Float[np.ndarray, "*effects k k"]
-    towards: Float[np.ndarray, "*effects draws k"]
-
-    @property
-    def restricted(self) -> Float[np.ndarray, "*effects draws"]:
-        """Logarithm of the residual (restricted) likelihood."""
-        squares = np.vecdot(self.towards, np.linalg.solve(self.gram, self.towards.mT).mT)
-        return self.about_zero + 0.5 * (squares - np.linalg.slogdet(self.gram)[1][..., None])
-
-
-def profiles(
-    gram: Float[np.ndarray, "*effects units k k"],
-    towards: Float[np.ndarray, "*effects draws units k"],
-    taus: Float[np.ndarray, "spreads ..."],
-) -> Iterator[Profile]:
-    """The marginal likelihood at each standard deviation, for effects of k coefficients and many sets of data."""
-    values, vectors = np.linalg.eigh(gram)
-    flat = (*gram.shape[:-3], -1)
-    along = (towards.swapaxes(-3, -2) @ vectors).swapaxes(-3, -2).reshape(*towards.shape[:-2], -1)
-    values, axes = np.maximum(values, 0.0).reshape(flat), vectors.mT.reshape(*flat, gram.shape[-1])
-    for tau in taus:
-        variance = np.square(tau)[..., None]
-        shrunk = 1.0 / (1.0 + variance * values)
-        about_zero = variance * np.matvec(along**2, shrunk) + np.sum(np.log(shrunk), axis=-1)[..., None]
-        weighted = shrunk[..., None] * axes
-        yield Profile(0.5 * about_zero, axes.mT @ (values[..., None] * weighted), along @ weighted)

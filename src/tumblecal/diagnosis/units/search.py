@@ -1,11 +1,9 @@
 """Search of the errors that the units share: hypotheses of the mixed model, and the explanations that they make up.
 
-A hypothesis is a set of errors shared by all units with common coefficients, effects that each unit has by a different amount
-(random effects), and the causes of single units. The latter two are searched given the leading sets of shared errors, then
-those sets given them, in turn.
+Random effects and causes of single units are searched given the leading sets of shared errors, then those given them, in turn.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +17,12 @@ from tumblecal.diagnosis.priors import (
     MOST_RANDOM_EFFECTS,
     RANDOM_EFFECTS_TRIED,
     SIZE,
-    SURE,
 )
+from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.explanation import Explanation
-from tumblecal.diagnosis.units.batch import NOTHING, Batch, SharedSignal, UnitCauses
 from tumblecal.diagnosis.units.hypotheses import Hypothesis, RandomEffect, hypothesis, likely_random_effects
+from tumblecal.diagnosis.units.unit import Batch, SharedSignal
 from tumblecal.full_model.priors import SIZE_PRIOR
 
 
@@ -55,14 +53,19 @@ class SharedExplanation:
         return self.hypothesis.coefficients(self.shared.members)
 
     @property
+    def varying(self) -> tuple[SharedSignal, ...]:
+        """The effects whose size differs from unit to unit."""
+        return tuple(effect.signal for effect in self.hypothesis.random_effects)
+
+    @property
     def by_unit(self) -> tuple[str, ...]:
-        """Ids of the effects whose size differs from unit to unit."""
-        return tuple(effect.signal.label for effect in self.hypothesis.random_effects)
+        """Ids of these."""
+        return tuple(signal.label for signal in self.varying)
 
     @property
     def head_by_unit(self) -> tuple[str, ...]:
         """Those of them that are errors of the head."""
-        return tuple(effect.signal.label for effect in self.hypothesis.random_effects if effect.signal.of_head)
+        return tuple(signal.label for signal in self.varying if signal.of_head)
 
 
 @dataclass(frozen=True)
@@ -92,28 +95,10 @@ class JointPosterior:
             return next(explanation for explanation in self.explanations if not explanation.shared.labels)
         return next(one for one in self.explanations if one.shared.labels or one.head_by_unit)
 
-    @property
-    def verdict(self) -> str:
-        """The verdict for the shared errors: adequate, identified, ambiguous or unexplained."""
-        shared = self.best.shared
-        if not shared.labels:
-            return self.differing(self.best.head_by_unit) if self.detected else "adequate"
-        if shared.unexplained:
-            return "unexplained"
-        return "identified" if shared.single_name and self.best.probability >= SURE else "ambiguous"
-
-    def differing(self, ids: Collection[str]) -> str:
-        """The verdict on a head of which these errors are not the same for all units: identified or ambiguous."""
-        sure = len(ids) == 1 and all(self.by_unit_probability(id) >= SURE for id in ids)
-        return "identified" if sure else "ambiguous"
-
     def shared_probability(self, id: str) -> float:
         """Probability that an effect, or one indistinguishable from it, is shared by all units, with one coefficient."""
-        return sum(
-            one.class_probability
-            for one in self.explanations
-            if any(id in labels for labels in (one.shared.labels, *one.shared.equivalents))
-        )
+        sets = ((one, (one.shared.labels, *one.shared.equivalents)) for one in self.explanations)
+        return sum(one.class_probability for one, stated in sets if any(id in labels for labels in stated))
 
     def by_unit_probability(self, id: str) -> float:
         """Probability that every unit has an effect with a different amount."""
@@ -122,14 +107,13 @@ class JointPosterior:
 
 def joint_posterior(batch: Batch) -> JointPosterior:
     """Compare shared errors with errors of single units."""
-    units = batch.units
-    causes = tuple([unit.causes_of(unit.z) for unit in units])
+    causes = tuple([unit.causes_of(unit.z) for unit in batch.units])
     # Faults of single positions cannot be shared.
-    pairs = zip(units, causes, strict=True)
+    pairs = zip(batch.units, causes, strict=True)
     faults = tuple([unit.only(own, lambda cause: bool(cause.positions)) for unit, own in pairs])
     evaluated: dict[tuple, Hypothesis] = {}
     # An error of the head at one angle may look like the same outlier positions in every unit.
-    for start in (causes, faults, (NOTHING,) * len(units)):
+    for start in (causes, faults, ((),) * len(batch.units)):
         _climb(evaluated, batch, start, ())
     for _ in range(MOST_RANDOM_EFFECTS):
         tried = list(evaluated.values())
@@ -145,7 +129,7 @@ def joint_posterior(batch: Batch) -> JointPosterior:
 def _climb(
     evaluated: dict[tuple, Hypothesis],
     batch: Batch,
-    causes: tuple[UnitCauses, ...],
+    causes: tuple[Members, ...],
     random_effects: tuple[RandomEffect, ...],
 ) -> None:
     """Evaluate causes of the units and shared errors in turn, each given the other, until neither changes, or the way from
@@ -162,7 +146,7 @@ def _climb(
         causes = tuple([unit.causes_of(z) for unit, z in residuals])
 
 
-def _further_random_effects(before: Hypothesis, faults: tuple[UnitCauses, ...]) -> list[RandomEffect]:
+def _further_random_effects(before: Hypothesis, faults: tuple[Members, ...]) -> list[RandomEffect]:
     """The likely ones that a hypothesis lacks."""
     labels = {effect.signal.label for effect in before.random_effects}
     free = [signal for signal in before.batch.signals if signal.label not in labels]
@@ -190,18 +174,14 @@ def _posterior(tried: Sequence[Hypothesis]) -> JointPosterior:
             score = total + float(np.log(max(explanation.class_probability, 1e-300)))
             if key not in best or score > best[key][0]:
                 best[key] = (score, explanation, one)
-    scores = np.array([score for score, *_ in best.values()])
-    whole = float(np.logaddexp.reduce(scores))
-    listed = tuple(
-        SharedExplanation(explanation, float(np.exp(score - whole)), one)
-        for score, explanation, one in sorted(best.values(), key=lambda row: -row[0])
-    )
-    with_error = np.array([bool(explanation.labels) for _, explanation, _ in best.values()])
+    ranked = sorted(best.values(), key=lambda row: -row[0])
+    scores = np.array([score for score, *_ in ranked])
+    shares = np.exp(scores - np.logaddexp.reduce(scores)).tolist()
+    listed = tuple(SharedExplanation(row[1], share, row[2]) for row, share in zip(ranked, shares, strict=True))
+    with_error = np.array([bool(one.shared.labels) for one in listed])
     # The head has no error in common, nor one that differs between units.
-    null = max(
-        (one for one in tried if not any(effect.signal.of_head for effect in one.random_effects)),
-        key=lambda one: one.without,
-    )
+    of_sensors = (one for one in tried if not any(effect.signal.of_head for effect in one.random_effects))
+    null = max(of_sensors, key=lambda one: one.without)
     pool = null.search.pool
     if not pool.causes:
         # Without a head nothing can be shared.

@@ -3,7 +3,7 @@
 from matplotlib.figure import Figure
 
 from tumblecal.diagnosis.units import JointDiagnosis
-from tumblecal.diagnosis.units.sizes import head_sizes
+from tumblecal.diagnosis.units.record import head_sizes
 from tumblecal.effects import Catalogue
 from tumblecal.show.figures.drawing import INK, OUTSIDE, new_panels, noise_band
 

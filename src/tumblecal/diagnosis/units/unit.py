@@ -1,13 +1,14 @@
-"""The data of the units: residuals, candidate columns of the errors that they can share, and causes of single units."""
+"""A unit where it is linearised: residual, signals that it may share with others, and its own causes; a batch of units."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.chain.head_file import pitch_names
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
 from tumblecal.diagnosis.causes.generic import GENERIC, HEAD_ANGLES, UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool, pooled
@@ -15,18 +16,16 @@ from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.priors import SAME_RESIDUAL, UNIT_SEARCHED
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.units.mixed_model import NormalEquations
 from tumblecal.effects.effect import of_head
-from tumblecal.full_model.evidence import log_evidence
-from tumblecal.full_model.full_model import FullModel
 from tumblecal.full_model.layout import Slot
-from tumblecal.full_model.priors import SIZE_PRIOR
-from tumblecal.full_model.tangent import Tangent, tangent
+from tumblecal.full_model.tangent import Tangent, tangent, unreachable
 
 
-# Generic terms are counted in this size, g or rad.
-_TERM_SCALE = 1e-4
+# Generic terms and pitch errors are counted in this size, g or rad.
+TERM_SCALE = 1e-4
 
 
 class SharedSignal(NamedTuple):
@@ -60,16 +59,6 @@ class SharedSignal(NamedTuple):
         return (self.label, self.words, self.slot.names, self.slot.variant)
 
 
-class UnitCauses(NamedTuple):
-    """Causes of one unit alone, by their numbers in its pool, and the logarithm of their prior."""
-
-    members: tuple[int, ...] = ()
-    log_prior: float = float(np.log(SIZE_PRIOR[0]))
-
-
-NOTHING = UnitCauses()
-
-
 @dataclass(frozen=True, eq=False)
 class Unit:
     """One unit where it is linearised.
@@ -82,12 +71,7 @@ class Unit:
     pool: Pool
     sigma: float
     rows: Float[np.ndarray, "rows columns"] = field(default_factory=lambda: np.zeros((0, 0)))
-    _searched: list[tuple[Float[np.ndarray, " nu"], UnitCauses]] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, at: Tangent, sigma: float, generic: tuple[int, ...], visible: frozenset[str] | None = None) -> "Unit":
-        """With the causes of `causes.pool.pooled`."""
-        return cls(at, pooled(at, sigma, generic, visible).in_units_of(sigma), sigma)
+    _searched: list[tuple[Float[np.ndarray, " nu"], Members]] = field(default_factory=list)
 
     @cached_property
     def signals(self) -> list[tuple[SharedSignal, Float[np.ndarray, "rows coefficients"], bool]]:
@@ -104,12 +88,11 @@ class Unit:
                 signals.append((signal, at.jacobian[:, columns], seen.block.shape[1] > 0))
         generic = self.pool.numbers_of(GENERIC)
         causes = [self.pool.causes[k] for k in generic[self.pool.ranks[generic] == 1].tolist()]
-        terms = {cause.words: cause.terms[0] for cause in causes} | self._index_errors
-        for words, term in terms.items():
+        for words, term in ({cause.words: cause.terms[0] for cause in causes} | self._index_errors).items():
             # An error of one output belongs to its sensor: only rotations of the head can be common to all units.
             if not words.startswith("output "):
-                rows = np.pad(term * _TERM_SCALE, (0, len(at.residual) - len(term)))
-                signals.append((SharedSignal(UNEXPLAINED, words, NO_SLOT, True, (_TERM_SCALE,)), rows[:, None], True))
+                rows = np.pad(term * TERM_SCALE, (0, len(at.residual) - len(term)))
+                signals.append((SharedSignal(UNEXPLAINED, words, NO_SLOT, True, (TERM_SCALE,)), rows[:, None], True))
         return signals
 
     @property
@@ -136,67 +119,79 @@ class Unit:
         return self.at.basis.T @ self.rows / self.sigma
 
     @cached_property
-    def _alone(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.response.T @ self.response, self.response.T @ self.z
+    def levels(self) -> tuple[str, ...]:
+        """Names of its pitch errors; none where they are not free, or not one for each setting."""
+        leaves = [leaf for leaf in self.at.model.nominal_chain.free if leaf.name == "dbeta" and leaf.by == "pitch"]
+        return pitch_names(leaves[0], self.at.problem.where) if leaves else ()
 
-    def equations(self, causes: UnitCauses) -> NormalEquations:
-        """Of the shared signals, given causes of the unit."""
-        gram, towards = self._alone
-        if not causes.members:
-            return NormalEquations(gram, towards, causes.log_prior - 0.5 * float(self.z @ self.z))
-        base = Search(self.pool, self.z, True).base(causes.members)
-        along = base.q.T @ base.z
-        evidence = log_evidence(np.array(base.z @ base.z), base.explained(along), self.pool.dof, True)
-        across = base.q.T @ self.response
-        towards = towards + self.response.T @ (base.z - self.z) - across.T @ along
-        return NormalEquations(gram - across.T @ across, towards, causes.log_prior + float(evidence))
+    @cached_property
+    def _search(self) -> Search:
+        return Search(self.pool, self.z, True)
 
-    def causes_of(self, z: Float[np.ndarray, " nu"]) -> UnitCauses:
+    def equations(self, causes: Members) -> NormalEquations:
+        """Of the shared signals, given causes of the unit (their numbers in its pool)."""
+        base = self._search.base(causes)
+        along, across = base.q.T @ base.z, base.q.T @ self.response
+        gram, towards = self.response.T @ self.response, self.response.T @ base.z
+        return NormalEquations(gram - across.T @ across, towards - across.T @ along, self._search.posterior(causes))
+
+    def causes_of(self, z: Float[np.ndarray, " nu"]) -> Members:
         """The best set of causes of the unit for the residual of the shared ones. A residual close to an earlier one is not
         searched again."""
         for searched, causes in self._searched:
             if np.linalg.norm(z - searched) < SAME_RESIDUAL:
                 return causes
-        causes = self._searched_causes(z)
-        self._searched.append((z, causes))
-        return causes
+        hopeful = float(statistics(self.pool, None, z[None], True)[0]) >= UNIT_SEARCHED
+        self._searched.append((z, Search(self.pool, z, True).run().set_at(0) if hopeful else ()))
+        return self._searched[-1][1]
 
-    def _searched_causes(self, z: Float[np.ndarray, " nu"]) -> UnitCauses:
-        if float(statistics(self.pool, None, z[None], True)[0]) < UNIT_SEARCHED:
-            return NOTHING
-        search = Search(self.pool, z, True)
-        members = search.run().set_at(0)
-        base = search.base(members)
-        as_fitted = log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), self.pool.dof, True)
-        return UnitCauses(members, search.posterior(members) - float(as_fitted))
-
-    def only(self, causes: UnitCauses, wanted: Callable[[Cause], bool]) -> UnitCauses:
+    def only(self, causes: Members, wanted: Callable[[Cause], bool]) -> Members:
         """Some of the causes of the unit."""
-        members = tuple(k for k in causes.members if wanted(self.pool.causes[k]))
-        return causes if members == causes.members else UnitCauses(members, causes.log_prior if members else NOTHING[1])
+        return tuple(k for k in causes if wanted(self.pool.causes[k]))
 
-    def without_head(self, causes: UnitCauses) -> UnitCauses:
+    def without_head(self, causes: Members) -> Members:
         """The causes of the unit that are no errors of the head."""
         return self.only(causes, lambda cause: not (cause.slot.columns and of_head(cause.slot.links)))
 
+    def with_pitch(self, causes: Members, levels: Sequence[str]) -> NormalEquations:
+        """Of the shared signals, then the errors of the pitch settings of these names, with causes of the unit fitted or
+        undone."""
+        at, fitted = self.at, [self.pool.causes[k] for k in causes]
+        problem = reduce(lambda problem, cause: cause.undone(problem), fitted, at.problem)
+        if problem is not at.problem:
+            at = tangent(at.model, problem, at.vector)
+        weights = np.full((len(at.residual), 1), 1.0 / self.sigma)
+        weights[: problem.readings.size, 0] *= np.repeat(problem.takes_part, 3)
+        pitch = [at.model.names.index(f"dbeta_{k}") for k in range(len(self.levels))]
+        rows = np.hstack([self.rows, np.zeros((len(weights), len(levels) + 1))])
+        of_pitch = [self.rows.shape[1] + levels.index(name) for name in self.levels]
+        rows[:, of_pitch] = at.jacobian[:, pitch] * (TERM_SCALE / at.model.scales[pitch])
+        rows[:, -1] = at.residual + at.jacobian[:, pitch] @ (at.vector[pitch] / at.model.scales[pitch])
+        # Its own unknowns: nominal parameters without pitch errors, and the coefficients of its causes.
+        own = [at.jacobian[:, [k for k in range(at.model.nominal) if k not in pitch]]]
+        own += [at.jacobian[:, list(cause.slot.columns)] @ cause.directions for cause in fitted if cause.slot.columns]
+        own += [np.pad(term, (0, len(weights) - len(term)))[:, None] for cause in fitted for term in cause.terms]
+        left = unreachable(np.hstack(own) * weights)[0].T @ (rows * weights)
+        return NormalEquations(left[:, :-1].T @ left[:, :-1], left[:, :-1].T @ left[:, -1], np.zeros(()))
+
 
 def linearised(screened: Screened) -> Unit:
-    """A unit as it was screened; where an effect with a time constant leads, with the time constant that fits.
+    """A unit as it was screened, around its exact fit where its errors are large, with the time constants that fit.
 
     The joint model is linear: of a strong warm-up a time constant that is only near leaves more than many an error of the head.
     """
-    known = screened.problem.known
+    at, pool, known = screened.at, screened.pool, screened.problem.known
     timed = [cause.slot for cause in screened.members if cause.slot.shape]
-    fit = screened.fit or fit_with(screened.at, screened.members) if timed or screened.large else None
-    if fit is None or not fit.code.good:
-        # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
-        sigma = 1.0 if known else screened.search.sigma(screened.best.members)
-        return Unit(screened.at, screened.pool.in_units_of(sigma), sigma)
-    model = screened.at.model.with_time_constants({slot.id: fit.vector[list(slot.shape)] for slot in timed})
-    vector = fit.vector.copy() if screened.large else screened.at.vector.copy()
-    vector[model.layout.shapes] = model.start[model.layout.shapes]
-    sigma = 1.0 if known else float(np.sqrt(fit.chi2 / fit.dof))
-    return Unit.of(tangent(model, screened.problem, vector), sigma, screened.pool.generic, screened.pool.visible)
+    fit = screened.fit or fit_with(at, screened.members) if timed or screened.large else None
+    # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
+    sigma = 1.0 if known else screened.search.sigma(screened.best.members)
+    if fit is not None and fit.code.good:
+        model = at.model.with_time_constants({slot.id: fit.vector[list(slot.shape)] for slot in timed})
+        vector = fit.vector.copy() if screened.large else at.vector.copy()
+        vector[model.layout.shapes] = model.start[model.layout.shapes]
+        sigma, at = 1.0 if known else float(np.sqrt(fit.chi2 / fit.dof)), tangent(model, screened.problem, vector)
+        pool = pooled(at, sigma, pool.generic, pool.visible)
+    return Unit(at, pool.in_units_of(sigma), sigma)
 
 
 @dataclass(frozen=True)
@@ -209,7 +204,7 @@ class Batch:
     @classmethod
     def of(cls, units: Sequence[Unit], signals: tuple[SharedSignal, ...]) -> "Batch":
         """The units by these signals."""
-        columns = {signal.key: list(signal.columns) for signal in signals}
+        columns: Mapping[tuple, list[int]] = {signal.key: list(signal.columns) for signal in signals}
         width, with_rows = sum(len(signal.scales) for signal in signals), []
         for unit in units:
             rows = np.zeros((len(unit.at.residual), width))
@@ -225,10 +220,9 @@ class Batch:
         none = (replace(unit, rows=np.zeros_like(unit.rows)) if number in numbers else unit for number, unit in units)
         return Batch(tuple(none), self.signals)
 
-    def equations(self, causes: Sequence[UnitCauses]) -> NormalEquations:
+    def equations(self, causes: Sequence[Members]) -> NormalEquations:
         """Of the shared signals for every unit, given causes of each."""
-        pairs = zip(self.units, causes, strict=True)
-        return NormalEquations.stacked([unit.equations(own) for unit, own in pairs])
+        return NormalEquations.stacked([unit.equations(own) for unit, own in zip(self.units, causes, strict=True)])
 
     @cached_property
     def squares(self) -> Float[np.ndarray, "columns columns"]:
@@ -252,9 +246,3 @@ def shared_signals(units: Sequence[Unit], impossible: frozenset[str] = frozenset
             numbered.append(signal._replace(columns=tuple(range(first, first + len(signal.scales)))))
             first += len(signal.scales)
     return tuple(numbered)
-
-
-def slots_of(model: FullModel, signals: Sequence[SharedSignal]) -> list[Slot | None]:
-    """The slot of each signal in a unit's model; none where it cannot act there."""
-    slots: Mapping[tuple, Slot] = {(slot.id, slot.names, slot.variant): slot for slot in model.slots}
-    return [slots.get((signal.slot.id, signal.slot.names, signal.slot.variant)) for signal in signals]
