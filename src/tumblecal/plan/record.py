@@ -19,7 +19,7 @@ def plan_record(
 
     - `files`: that were written. `lines`: that are printed. `assumptions`: each with the option that overrides it.
     """
-    schedule, wanted, bounds, forecast = plan.after.schedule, plan.wanted, plan.bounds, plan.forecast
+    schedule, wanted, bounds, forecast = plan.after.schedule, plan.wanted, plan.found.bounds, plan.forecast
     return {
         "schema": SCHEMA,
         "source": plan.rig.source,
@@ -37,8 +37,8 @@ def plan_record(
         "parameters": {name: {"u": u, "u_before": before, "unit": unit} for name, unit, before, u in plan.parameters},
         "in_use_g": _in_use(plan.after),
         "criterion": {
-            "value": plan.ordered.value,
-            "slow_noise_known": plan.ordered.drift_known,
+            "value": plan.found.ordered.value,
+            "slow_noise_known": plan.found.ordered.drift_known,
             "bound_white": bounds and bounds.repeated,
             "bound_one_visit": bounds and bounds.white,
             "bound_of_positions": bounds and bounds.own,
@@ -59,7 +59,7 @@ def plan_record(
         },
         "before": _evaluated(plan, plan.before),
         "practice": [_evaluated(plan, each) for each in plan.practice],
-        "trade_off": [each._asdict() for each in plan.traded],
+        "trade_off": [each._asdict() for each in plan.found.traded],
         "assumptions": [{"words": words, "override": option} for words, option in assumptions],
         "words": lines,
     }

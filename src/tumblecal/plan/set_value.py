@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.plan.criterion import Criterion
-from tumblecal.plan.linear_model import LinearModel, shared_covariance
+from tumblecal.plan.information import covariance_of
+from tumblecal.plan.linear_model import LinearModel
 
 
 # Covariances are computed from the information again after so many updates of rank three, and whenever a position
@@ -123,7 +124,7 @@ class _Updated:
     def _renew(self) -> None:
         """Everything from the information."""
         self._age = 0
-        self._covariance = shared_covariance(self._information, len(self._information))
+        self._covariance = covariance_of(self._information)
         through = (self._flat.T @ self._covariance).reshape(self._columns.shape)
         self._inner = through @ self._columns.swapaxes(1, 2)
         self._to_shared = through[:, :, : self._count].copy()

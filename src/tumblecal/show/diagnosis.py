@@ -30,7 +30,7 @@ from tumblecal.lab.extended_rig import NAME as EXTENDED_RIG
 from tumblecal.lab.extended_rig import extended_rig_text
 from tumblecal.lab.sensor_terms import held_words
 from tumblecal.planning import NextPlan
-from tumblecal.planning.record import plan_record
+from tumblecal.plan.next.record import plan_record
 from tumblecal.show.fit import fit_words
 from tumblecal.show.next_plan import next_plan_texts, next_words
 from tumblecal.show.verdict import Verdict, verdict_lines

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tumblecal.planning.next_plan import NextPlan
+from tumblecal.plan.next.next_plan import NextPlan
 
 
 def plan_record(plan: NextPlan) -> dict[str, Any]:
