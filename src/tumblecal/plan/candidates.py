@@ -121,8 +121,9 @@ def candidates_of(
     for positions in [*([] if measured is None else [measured]), *others]:
         cells, number = cells.joined(_in_chamber(positions.cells, ability))
         numbers.append(number)
+    whole, used = cells.joined(attitudes_in_use(ability))
     try:
-        responses, use = responses_of(rig, cells), responses_of(rig, attitudes_in_use(ability))
+        responses = responses_of(rig, whole)
     except InputError as error:
         if not (rig.effects or rig.temperature.leaves):
             raise
@@ -131,7 +132,8 @@ def candidates_of(
             "remove such effects from chain.effects, and state the temperatures of a chamber in [head] temperatures_degc"
         ) from error
     known = np.zeros(0, int) if measured is None else numbers.pop(0)
-    return Candidates(responses, use, ability, of_head, known, tuple(numbers))
+    own = responses.chosen(np.arange(len(cells)))
+    return Candidates(own, responses.chosen(used), ability, of_head, known, tuple(numbers))
 
 
 def _in_chamber(cells: Cells, ability: HeadAbility) -> Cells:

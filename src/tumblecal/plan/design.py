@@ -11,6 +11,7 @@ from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.nominal import UNIT_OF_LEAF, unit_of_parameter
 from tumblecal.chain.rig import Rig
 from tumblecal.effects.catalogue import Catalogue
+from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.candidates import Evaluated, candidates_of
 from tumblecal.plan.cells import Cells, Positions, cells_of
@@ -116,6 +117,14 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
                 f"{wanted.measured.name}: no temperature_degc, but {rig.source} has a chamber ([head] temperatures_degc); "
                 "add the temperature of each position"
             )
+    with single_blas_thread():
+        return _designed(rig, wanted, entries, ability, common)
+
+
+def _designed(
+    rig: Rig, wanted: Wanted, entries: Catalogue, ability: HeadAbility, common: tuple[Positions, ...]
+) -> DesignedPlan:
+    """The plan of a request that is checked, and plans to compare."""
     there = rig.plan
     rows = list(zip(there.alpha_deg, there.beta_deg, there.mounts, strict=True))
     present = Positions("plan of the rig file", "", Cells.listed(rows, there.temperature_degc))

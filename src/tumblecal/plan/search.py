@@ -15,7 +15,6 @@ from tumblecal.plan.bounds import Bounds, best_plan
 from tumblecal.plan.candidates import Candidates
 from tumblecal.plan.cells import Cells
 from tumblecal.plan.criterion import Combine, Criterion, in_use, of_parameters, weighted
-from tumblecal.plan.effect_criteria import EffectsOfCells, alias_term, naming_term
 from tumblecal.plan.exchange import Chosen, exchange
 from tumblecal.plan.limits import Limits, limits_of, most_visits
 from tumblecal.plan.linear_model import LinearModel, one_visit
@@ -77,7 +76,7 @@ def searched(rig: Rig, candidates: Candidates, wanted: Wanted, entries: Catalogu
     settings = {"minutes": minutes, "seed": wanted.seed, "kind": wanted.order, "measured": measured}
     ordered = best_order(candidates.responses, ability, criterion, chosen.cells, **settings)
     here = TradeOff(len(chosen.cells), ordered.schedule.minutes - before, ordered.drift_known)
-    traded = [here, *_traded(candidates, model, responses.cells, terms, criterion, wanted, len(chosen.cells))]
+    traded = [here, *_traded(candidates, model, terms, criterion, wanted, limits.cells, chosen)]
     return Found(criterion, ordered, bounds, tuple(sorted(traded, key=lambda each: each.minutes)))
 
 
@@ -127,11 +126,12 @@ def _criteria(
             elif name in COVARIANCE:
                 of_covariance[name] = in_use(candidates.use, "mean" if name == "in_use" else "largest")
     terms = {name: Term(((model, one),)) for name, one in of_covariance.items()}
-    effects = EffectsOfCells(rig, responses, candidates.measured, entries, wanted.minutes or 60.0)
-    if "naming" in wanted.criteria:
-        terms["naming"] = naming_term(effects, wanted.effects)
-    if "alias" in wanted.criteria:
-        terms["alias"] = alias_term(effects, wanted.effects)
+    if {"naming", "alias"} & {*wanted.criteria}:
+        from tumblecal.plan.effect_criteria import EffectsOfCells, alias_term, naming_term
+
+        effects = EffectsOfCells(rig, responses, candidates.measured, entries, wanted.minutes or 60.0)
+        for name, term_of in (("naming", naming_term), ("alias", alias_term)):
+            terms |= {name: term_of(effects, wanted.effects)} if name in wanted.criteria else {}
     first = next(iter(of_covariance.values()), None) or of_parameters("largest", responses, parameters)
     if len(terms) == 1:
         return list(terms.values()), first
@@ -169,18 +169,19 @@ def _require_determined(rig: Rig, model: LinearModel, wanted: Wanted, chosen: Ch
 def _traded(
     candidates: Candidates,
     model: LinearModel,
-    cells: Cells,
     terms: Sequence[Term],
     criterion: Criterion,
     wanted: Wanted,
-    count: int,
+    cells: Cells,
+    chosen: Chosen,
 ) -> Iterator[TradeOff]:
-    """Plans for other numbers of positions, or other times; `count`: number of the plan."""
+    """Plans for other numbers of positions, or other times, improved from the plan."""
     for share in _TRADED:
         minutes = None if wanted.minutes is None else share * wanted.minutes
         try:
-            limits = _limits(candidates, cells, round(share * count) if minutes is None else None, minutes)
-            taken = exchange(limits, terms, restarts=1, seed=wanted.seed).cells
+            count = round(share * len(chosen.cells)) if minutes is None else None
+            limits = _limits(candidates, cells, count, minutes)
+            taken = exchange(limits, terms, restarts=0, seed=wanted.seed, starts=[chosen.cells]).cells
         except InputError:
             continue
         if not model.undetermined(taken):

@@ -81,7 +81,7 @@ def forecast_of(
 
 
 def hidden_on_head(rig: Rig, ids: Sequence[str], entries: Catalogue, like: FullModel | None = None) -> tuple[str, ...]:
-    """Those of some effects that no positions on a rig's head show, by many of its cells at once; `like`: the model of a plan."""
+    """Those of some effects that no positions on a rig's head show, by many of its cells; `like`: the model of a plan."""
     if rig.ability is None or not ids:
         return ()
     cells, plan = cells_of(rig.ability), rig.plan
