@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from tumblecal.ground.counted import counted
 from tumblecal.plan.criterion import Criterion
@@ -36,8 +36,8 @@ _LISTED, _SEARCHES, _MIXED = 8, 100, 120
 _GAP, _PATIENCE, _LEAST = 1e-3, 10, 1e-4
 # Power of the mean that replaces the largest variance. Share of all cells together in every mixture.
 _POWER, _FLOOR = 64.0, 3e-4
-# Prices of a position are compared in so many rounds, each in a smaller interval.
-_PRICES, _INTERVALS = 17, 4
+# Accuracy of the price of a position, as a share of the largest gain.
+_PRICES = 1e-4
 # A plan this close to its bound is not searched further; the most promising classes are searched in each round.
 _ENOUGH, _ROUNDS, _CLASSES = 0.99, 3, 4
 
@@ -149,39 +149,45 @@ def mixture(model: LinearModel, criterion: Criterion, limits: Limits, one: Class
     flat, floor = model.columns.reshape(-1, model.columns.shape[2]), np.zeros(len(model.columns))
     floor[one.cells] = _FLOOR * one.positions / len(one.cells)
 
-    def at(shares: np.ndarray, plans: np.ndarray) -> tuple[float, Mixture]:
-        # A little of every cell: only then do gains include that the error of a pitch setting has to be determined too.
-        fractions = (1 - _FLOOR) * shares @ plans + floor
-        information = model.information + (flat * np.repeat(fractions, 3)[:, None]).T @ flat
-        covariance = covariance_of(information)
+    def added(fractions: np.ndarray) -> np.ndarray:
+        return (flat * np.repeat(fractions, 3)[:, None]).T @ flat
+
+    # A little of every cell: only then do gains include that the error of a pitch setting has to be determined too.
+    before = model.information + added(floor)
+
+    def at(shares: np.ndarray, each: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """Logarithms of the criterion and of its support, and R with the gain of information X: trace of R' X R."""
+        covariance = covariance_of(before + (1 - _FLOOR) * np.tensordot(shares, each, 1))
         value, root = smooth.support(covariance[:shared, :shared])
-        gain = np.sum((flat @ (covariance[:, :shared] @ root)).reshape(len(fractions), -1) ** 2, axis=1)
         log_value = float(np.log(smooth.of(covariance[:shared, :shared])))
-        return log_value, Mixture(fractions, float(np.log(value) + gain @ fractions), gain)
+        return log_value, float(np.log(value)), covariance[:, :shared] @ root
 
-    def with_slope(shares: np.ndarray, plans: np.ndarray) -> tuple[float, np.ndarray]:
-        log_value, found = at(shares, plans)
-        return log_value, -(1 - _FLOOR) * plans @ found.gain
+    def with_slope(shares: np.ndarray, each: np.ndarray) -> tuple[float, np.ndarray]:
+        log_value, _, root = at(shares, each)
+        return log_value, -(1 - _FLOOR) * np.sum((each @ root) * root, axis=(1, 2))
 
-    first = _most(limits, one, np.sum(model.columns[:, :, :shared] ** 2, axis=(1, 2)))[1]
-    plans, shares, since = first[None], np.ones(1), 0
-    best = -np.inf, at(shares, plans)[1]
+    plans = _most(limits, one, np.sum(model.columns[:, :, :shared] ** 2, axis=(1, 2)))[1][None]
+    each, shares, since = added(plans[0])[None], np.ones(1), 0
+    best = -np.inf, Mixture(plans[0], -np.inf, plans[0])
     for _ in range(_MIXED):
         if len(shares) > 1:
             whole = {"type": "eq", "fun": lambda s: s.sum() - 1, "jac": np.ones_like}
             within, options = [(0, 1)] * len(shares), {"maxiter": 25, "ftol": 1e-7}
             solved = minimize(
-                with_slope, shares, (plans,), "SLSQP", True, bounds=within, constraints=whole, options=options
+                with_slope, shares, (each,), "SLSQP", True, bounds=within, constraints=whole, options=options
             )
             shares = np.maximum(solved.x, 0) / np.maximum(solved.x, 0).sum()
-        log_value, here = at(shares, plans)
-        most, added = _most(limits, one, here.gain)
+        log_value, level, root = at(shares, each)
+        gain = np.sum((flat @ root).reshape(len(floor), -1) ** 2, axis=1)
+        fractions = (1 - _FLOOR) * shares @ plans + floor
+        here = Mixture(fractions, level + float(gain @ fractions), gain)
+        most, plan = _most(limits, one, gain)
         since = 0 if here.level - most > best[0] + 1e-5 else since + 1
         best = max(best, (here.level - most, here), key=lambda found: found[0])
         if best[0] >= enough or log_value - best[0] < _GAP or since > _PATIENCE:
             break
         kept = shares > _LEAST
-        plans = np.concatenate([plans[kept], added[None]])
+        plans, each = np.concatenate([plans[kept], plan[None]]), np.concatenate([each[kept], added(plan)[None]])
         shares = np.append(0.9 * shares[kept], 0.1) / (0.9 * shares[kept].sum() + 0.1)
     return best[1]
 
@@ -192,18 +198,20 @@ def _most(limits: Limits, one: Class, gain: Float[np.ndarray, " cells"]) -> tupl
     A position must gain more than a price; the bound is valid for any price (Lagrange), and convex in it.
     """
     number, here = np.unique(limits.cells.group[one.cells], return_inverse=True)[1].ravel(), gain[one.cells]
-    of_group, low, high = np.eye(int(number.max()) + 1)[number], 0.0, float(here.max(initial=0.0))
-    for _ in range(_INTERVALS):
-        prices = np.linspace(low, high, _PRICES)
-        total = of_group.T @ np.maximum(here[:, None] - prices, 0.0)
-        sums = limits.repeats * np.sort(total, axis=0)[-one.groups :].sum(axis=0) + prices * one.positions
-        at = int(np.argmin(sums))
-        low, high = prices[max(at - 1, 0)], prices[min(at + 1, _PRICES - 1)]
-    inside = np.isin(number, np.argsort(total[:, at], kind="stable")[-one.groups :])
+
+    def above(price: float) -> np.ndarray:
+        return np.bincount(number, np.maximum(here - price, 0.0))
+
+    def bound(price: float) -> float:
+        return float(limits.repeats * np.sort(above(price))[-one.groups :].sum() + price * one.positions)
+
+    most = float(here.max(initial=1e-300))
+    price = minimize_scalar(bound, bounds=(0.0, most), method="bounded", options={"xatol": _PRICES * most}).x
+    inside = np.isin(number, np.argsort(above(price), kind="stable")[-one.groups :])
     best = one.cells[np.argsort(-np.where(inside, here, -1.0), kind="stable")[: np.count_nonzero(inside)]]
     plan = np.zeros(len(gain))
     plan[best] = np.clip(one.positions - limits.repeats * np.arange(len(best)), 0, limits.repeats)
-    return float(sums[at]), plan
+    return bound(price), plan
 
 
 def _rounded(limits: Limits, one: Class, fractions: Float[np.ndarray, " cells"]) -> Int[np.ndarray, " positions"]:
@@ -221,14 +229,14 @@ def _classes(limits: Limits) -> list[Class]:
     most = int(min(limits.count, limits.repeats * len(allowed)))
     if not limits.timed:
         return [Class(allowed, len(np.unique(group[allowed])), most)]
-    every, made = np.unique(limits.sitting[allowed]).tolist(), list[Class]()
+    every, made = np.unique(limits.cells.sitting[allowed]).tolist(), list[Class]()
     # Of very many mountings and temperatures: all of them, as if they were one.
     listed = len(every) <= _LISTED
     sets = [one for size in range(1, len(every) + 1) for one in combinations(every, size)] if listed else [every]
     # A turn may be saved where the pitch setting changes, and in a cell that is measured twice.
     turn = min(times.turn_s, times.pitch_change_s) if limits.repeats == 1 else 0.0
     for sittings in sets:
-        cells, before = allowed[np.isin(limits.sitting[allowed], sittings)], 0
+        cells, before = allowed[np.isin(limits.cells.sitting[allowed], sittings)], 0
         soaks, count = (len(np.unique(limits.cells.soak[cells])), len(sittings)) if listed else (1, 1)
         rest = limits.seconds - (count - soaks) * times.remount_s - (soaks - 1) * times.temperature_change_s
         for groups in range(len(np.unique(group[cells])), count - 1, -1):
@@ -247,7 +255,7 @@ def _reason(limits: Limits, nearest: Class, mine: Class, white: float, own: floa
         (
             counted(one.positions, "position"),
             counted(one.groups, "pitch setting"),
-            len(np.unique(limits.sitting[one.cells])),
+            len(np.unique(limits.cells.sitting[one.cells])),
         )
         for one in (mine, nearest)
     )

@@ -141,11 +141,11 @@ def forecast_of_effect(
     """Forecast for one effect of a size in its unit; `limit`: about where it is detected, None for an undetectable one."""
     whole, shown = np.linalg.norm(of.signal(id)), np.linalg.norm(of.shown(id))
     rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
-    smallest: list[float | None] = [None, None, None]
+    smallest: tuple[float | None, float | None, float | None] = (None, None, None)
     same = inseparable = tuple[str, ...]()
     if limit is not None:
         same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
-        smallest = [rates.smallest(number, limit) for number in range(3)]
+        smallest = rates.smallest(0, limit), rates.smallest(1, limit), rates.smallest(2, limit)
         inseparable = not_separated(of, id, max(size, limit), same)
     visible = float(shown / whole) if whole else 0.0
     return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, inseparable)
