@@ -102,26 +102,23 @@ class EffectsOfCells:
         others = [slot for slot in self._full[0].slots if slot.id != id and not slot.links[0].looks_back]
         others = [slot for slot in others if not one_function_at_1_g((own,), (slot,))]
         model, chosen = one_visit(self.responses, self.measured), dict[str, Slot]()
-        white = [one / self.responses.sd for one in (self.signal(id), self._full[1])]
-        rows, nominal = np.concatenate([model.columns, *white], axis=2), model.columns.shape[2]
         for taken in (np.arange(count), *(rng.permutation(count)[:_OF_SET] for _ in range(_SETS))):
-            flat = rows[taken].reshape(3 * len(taken), -1)
-            gram = flat.T @ flat
-            across, whole = gram[:nominal, nominal:], np.diag(gram)[nominal:]
-            # What the nominal model leaves of each signal, and of each two.
-            rest = gram[nominal:, nominal:] - across.T @ np.linalg.solve(
-                gram[:nominal, :nominal] + model.information, across
-            )
-            if rest[0, 0] <= VISIBLE**2 * whole[0]:
+            nominal = [model.columns[taken].reshape(3 * len(taken), -1), np.linalg.cholesky(model.information).T]
+            basis = np.linalg.qr(np.concatenate(nominal))[0][: 3 * len(taken)]
+
+            def shown(signals: np.ndarray, taken: np.ndarray = taken, basis: np.ndarray = basis) -> np.ndarray:
+                """Orthonormal basis of what the nominal model leaves of signals, and of one signal also its size."""
+                white = signals[taken].reshape(3 * len(taken), -1) / self.responses.sd
+                vectors, sizes, _ = np.linalg.svd(white - basis @ (basis.T @ white), full_matrices=False)
+                seen = sizes > VISIBLE * max(float(np.linalg.norm(white)), 1e-300)
+                return vectors[:, seen]
+
+            signal = shown(self.signal(id))
+            if not signal.shape[1]:
                 if len(taken) == count:
                     raise InputError(f"{id}: no positions of this head show it; allow another mounting or a prior")
                 continue
-            explained = list[float]()
-            for slot in others:
-                columns = 1 + np.array(slot.columns)
-                squares, vectors = np.linalg.eigh(rest[np.ix_(columns, columns)])
-                seen = squares > VISIBLE**2 * max(np.sum(whole[columns]), 1e-300)
-                explained.append(float(np.sum((rest[0, columns] @ vectors[:, seen]) ** 2 / squares[seen])))
+            explained = [np.sum((shown(self.signals(slot)).T @ signal) ** 2) for slot in others]
             chosen |= {others[k].id: others[k] for k in np.argsort(-np.array(explained), kind="stable")[:_NEAREST]}
         return list(chosen.values())
 
