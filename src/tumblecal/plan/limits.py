@@ -48,7 +48,7 @@ class Limits:
         """Duration of so many positions in each cell, settings visited once, and what one more in each cell adds. It is at most
         this, since the spindle need not turn at every change of the pitch setting."""
         times, cells = self.times, self.cells
-        at, dwell = np.flatnonzero(number), times.dwell_s + times.settle_s
+        at, dwell = np.flatnonzero(number), float(times.dwell_s + times.settle_s)
         at = at if self.present is None else np.append(at, self.present)
         if not len(at):
             return 0.0, np.full(len(number), dwell)
@@ -62,8 +62,7 @@ class Limits:
         )
         total, more = number.sum() * dwell + now * times.remount_s, dwell + times.remount_s * remounts[cells.sitting]
         for step, label, open in zip(steps, labels, used, strict=False):
-            total += step * (np.count_nonzero(open) - 1)
-            more += step * ~open[label]
+            total, more = total + step * (np.count_nonzero(open) - 1), more + step * ~open[label]
         return float(total), more
 
     def exceeded(self, number: Int[np.ndarray, " cells"]) -> bool:

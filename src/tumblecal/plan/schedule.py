@@ -48,8 +48,8 @@ def schedule(
         np.diff(label[path]) != 0 for label in (cells.alpha_deg, cells.pitch, cells.mounting, cells.soak)
     )
     changed = remounted | tilted
-    step = times.dwell_s + times.settle_s + times.turn_s * turned + times.pitch_change_s * changed
-    step += times.remount_s * remounted + times.temperature_change_s * heated
+    between = times.turn_s * turned + times.pitch_change_s * changed + times.remount_s * remounted
+    step = float(times.dwell_s + times.settle_s) + between + times.temperature_change_s * heated
     zero = np.zeros((*path.shape[:-1], 1))
     start, pitch, mount = (
         np.concatenate([zero, np.cumsum(each, axis=-1)], axis=-1) for each in (step, changed, remounted)
