@@ -1,6 +1,8 @@
 """Common practice as positions of a head: the plans with which a designed plan is compared."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -25,42 +27,39 @@ def common_plans(
     - `rotations_deg`: intended rotation of each mounting about x, y, z; none: aligned with the head.
     - `seed`: of the random plan.
     """
-    eighths, twelfths = np.arange(0, 360, 45.0), np.arange(0, 360, 30.0)
     golden = (1 + 5**0.5) / 2
     corners = [np.roll((0.0, sign, turn * golden), shift) for shift in range(3) for sign in (1, -1) for turn in (1, -1)]
-    circles = [
-        np.roll((np.cos(angle), np.sin(angle), 0.0), shift) for shift in range(3) for angle in np.radians(twelfths)
-    ]
-    faces = np.concatenate([np.eye(3), -np.eye(3)])
+    twelfths = np.radians(np.arange(0, 360, 30.0))
+    circles = [np.roll((np.cos(angle), np.sin(angle), 0.0), shift) for shift in range(3) for angle in twelfths]
     every = [
         (alpha, beta, mount) for mount, beta, alpha in product(ability.mounts, ability.beta_deg, ability.alpha_deg)
     ]
     random = np.sort(np.random.default_rng(seed).choice(len(every), min(_RANDOM, len(every)), replace=False))
+    # Grids of angles in the first mounting; directions of gravity in the axes of the sensor.
+    first, whole = (
+        partial(_plan, replace(ability, mounts=ability.mounts[:1]), {}),
+        partial(_plan, ability, rotations_deg),
+    )
     return (
-        _of_angles("3 x 8", "Gao, Chen and Ren 2016", ability, eighths, (0.0, 45.0, 90.0)),
-        _of_directions("six positions", "IEEE Std 1293", ability, rotations_deg, faces),
-        _of_angles("4 x 12", "common grid", ability, twelfths, (0.0, 30.0, 60.0, 90.0)),
-        _of_directions("icosahedron", "Ye and Su 2015", ability, rotations_deg, np.array(corners)),
-        _of_directions("12-point tumble of each axis", "IEEE Std 1293", ability, rotations_deg, np.array(circles)),
+        first("3 x 8", "Gao, Chen and Ren 2016", _grid(45.0, (0.0, 45.0, 90.0))),
+        whole("six positions", "IEEE Std 1293", np.concatenate([np.eye(3), -np.eye(3)])),
+        first("4 x 12", "common grid", _grid(30.0, (0.0, 30.0, 60.0, 90.0))),
+        whole("icosahedron", "Ye and Su 2015", np.array(corners)),
+        whole("12-point tumble of each axis", "IEEE Std 1293", np.array(circles)),
         Positions("random", f"seed {seed}", Cells.listed([every[k] for k in random])),
     )
 
 
-def _of_angles(
-    name: str, source: str, ability: HeadAbility, alpha_deg: Sequence[float] | np.ndarray, beta_deg: Sequence[float]
-) -> Positions:
-    """A grid of angles in the first mounting."""
-    wanted = [gravity_in_head(*np.radians((alpha, beta))) for beta, alpha in product(beta_deg, alpha_deg)]
-    settable = [_settable(ability, direction) for direction in wanted]
-    rows = dict.fromkeys((*angles, ability.mounts[0]) for angles, _ in settable)
-    return Positions(name, source, Cells.listed(list(rows)), max(deviation for _, deviation in settable))
+def _grid(step_deg: float, beta_deg: Sequence[float]) -> Float[np.ndarray, "positions 3"]:
+    """Directions of gravity at all spindle angles of a step, at some pitch settings."""
+    return np.array([gravity_in_head(*np.radians((a, b))) for b in beta_deg for a in np.arange(0, 360, step_deg)])
 
 
-def _of_directions(
-    name: str,
-    source: str,
+def _plan(
     ability: HeadAbility,
     rotations_deg: Mapping[str, Sequence[float]],
+    name: str,
+    source: str,
     wanted: Float[np.ndarray, "positions 3"],
 ) -> Positions:
     """Directions of gravity in the axes of the sensor, each in the first mounting in which the head comes nearest to it."""
