@@ -91,7 +91,8 @@ def best_order(
         late = minutes is not None and schedule(of, random, ability.times, measured).minutes > minutes
         order = shortest if late else random
     else:
-        starts = [given, shortest, *(_mirrored(of.group, one, rng) for one in (random, given))]
+        mirrored = [_mirrored(of.group, one, rng) for one in (random, given)]
+        starts = list({tuple(one.tolist()): one for one in (given, shortest, *mirrored)}.values())
         order = _searched(
             _objective(responses, ability, criterion, minutes, measured, len(given)), of.group, starts, rng
         )
