@@ -13,7 +13,7 @@ same bound in the model of several visits (`one_visit`) is one for every plan.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -206,7 +206,8 @@ def _most(limits: Limits, one: Class, gain: Float[np.ndarray, " cells"]) -> tupl
         return float(limits.repeats * np.sort(above(price))[-one.groups :].sum() + price * one.positions)
 
     most = float(here.max(initial=1e-300))
-    price = minimize_scalar(bound, bounds=(0.0, most), method="bounded", options={"xatol": _PRICES * most}).x
+    found: Any = minimize_scalar(bound, bounds=(0.0, most), method="bounded", options={"xatol": _PRICES * most})
+    price = float(found.x)
     inside = np.isin(number, np.argsort(above(price), kind="stable")[-one.groups :])
     best = one.cells[np.argsort(-np.where(inside, here, -1.0), kind="stable")[: np.count_nonzero(inside)]]
     plan = np.zeros(len(gain))
