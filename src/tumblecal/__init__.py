@@ -37,7 +37,7 @@ _FROM = {
     "diagnose": "tumblecal.diagnosis.diagnose:diagnose",
     "diagnose_many": "tumblecal.diagnosis.many:diagnose_many",
     "keep_programs": "tumblecal.ground.program_cache:keep_programs",
-    "next_plan": "tumblecal.planning.next_plan:next_plan",
+    "next_plan": "tumblecal.plan.next.next_plan:next_plan",
     "load": "tumblecal.data.calibration:read_calibration",
 }
 

@@ -12,7 +12,7 @@ from tumblecal.estimation.problem import Problem as Problem
 from tumblecal.ground.errors import InputError as InputError
 from tumblecal.ground.precision import enable_float64 as enable_float64
 from tumblecal.ground.program_cache import keep_programs as keep_programs
-from tumblecal.planning.next_plan import next_plan as next_plan
+from tumblecal.plan.next.next_plan import next_plan as next_plan
 from tumblecal.recordings.library import read_recording as read_recording
 from tumblecal.recordings.library import reduce as reduce
 from tumblecal.simulation.many_fits import fit_many as fit_many

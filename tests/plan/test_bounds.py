@@ -82,6 +82,5 @@ def test_the_bound_of_a_number_of_positions_is_the_least_of_its_relaxation(candi
     found = bounds(model, criterion, limits, FEW[:7])
     assert np.log(found.white) == pytest.approx(expected.fun, abs=3e-3)
     assert np.log(found.white) <= expected.fun + 1e-6
-    plan = np.isin(np.arange(80), FEW[:7]) * 1
-    best = mixture(model, criterion, limits, Class(FEW, len(FEW), 7), plan, np.inf)
+    best = mixture(model, criterion, limits, Class(FEW, len(FEW), 7), np.inf)
     assert best.fractions.sum() == pytest.approx(7)

@@ -13,7 +13,7 @@ from tumblecal.cli.model_options import StatedModel
 from tumblecal.effects import catalogue
 from tumblecal.estimation.exact import fit
 from tumblecal.ground.errors import InputError
-from tumblecal.plan.common_plans import Positions
+from tumblecal.plan.cells import Cells, Positions
 from tumblecal.plan.design import design_plan
 from tumblecal.plan.plan_files import capture_files, capture_text, rig_text
 from tumblecal.plan.request import Wanted
@@ -51,9 +51,8 @@ times = { remount_s = 600 }
 repeatability = { pitch = "30 arcsec" }
 """)
 TWO = RIG | {"head": RIG["head"] | {"mounts": ["A", "B"]}}
-MEASURED = Positions(
-    "measured.csv", "", (0, 90, 180, 270, 0, 180), (0, 0, 0, 0, 45, 45), ("A",) * 6, temperature_degc=(24.9, 25.1) * 3
-)
+ANGLES = [(0, 0), (90, 0), (180, 0), (270, 0), (0, 45), (180, 45)]
+MEASURED = Positions("measured.csv", "", Cells.listed([(*pair, "A") for pair in ANGLES], (24.9, 25.1) * 3))
 
 
 def fitted(rig):
@@ -96,10 +95,12 @@ def test_a_calibration_states_the_uncertainties_of_a_plan_in_a_chamber(content, 
     assert listed == degc[plan.measured :].tolist()
     assert [float(row[-1]) for row in words_of_plan(plan, Path("plan")).blocks["positions"][1:]] == listed
     if not wanted.measured:
-        assert all({*(each.positions.temperature_degc or ())} == {0.0, 50.0} for each in plan.practice)
+        assert all({*(each.positions.cells.temperature_degc)} == {0.0, 50.0} for each in plan.practice)
 
 
 def test_measured_positions_without_temperatures_are_rejected():
-    wanted = Wanted(positions=12, measured=replace(MEASURED, temperature_degc=None), forecast=False)
+    wanted = Wanted(
+        positions=12, measured=replace(MEASURED, cells=replace(MEASURED.cells, temperature_degc=None)), forecast=False
+    )
     with pytest.raises(InputError, match=r"measured.csv: no temperature_degc, but rig.toml has a chamber"):
         design_plan(rig_of(RIG, Path("rig.toml")), wanted, catalogue())

@@ -105,7 +105,7 @@ def test_steps_are_those_of_new_measures(head, cells, kind):
     effects = {"third_order.x": 1.0}
     term = naming_term(head, effects) if kind == "naming" else alias_term(head, effects)
     value = SetValue([term], cells)
-    added, removed = value.if_added(), value.if_removed()
+    added, removed = value.if_added(np.arange(8)), value.if_removed()
     assert added[7] == pytest.approx(SetValue([term], [*cells, 7]).value, rel=1e-8)
     assert removed[3] == pytest.approx(SetValue([term], np.delete(cells, 3)).value, rel=1e-8)
     value.add(7)

@@ -43,8 +43,8 @@ def test_no_order_is_better_than_the_bound_of_several_visits(unsteady):
         found = exchange(limits, [Term(((one_visit(responses), criterion),))], restarts=1)
         once = bounds(one_visit(responses), criterion, limits, found.cells).white
         several = bounds(one_visit(responses, most=most_visits(limits)), criterion, limits, found.cells).white
-        # Each relaxation ends at a duality gap of 1e-3 (`relaxed`).
-        assert several < 1.001 * once
+        # A relaxation ends at 0.5 % of the value.
+        assert several < 1.005 * once
         orders = [rng.choice(80, count, replace=False) for _ in range(100)]
         for _ in range(25):
             half = np.array_split(rng.permutation(found.cells), 2)

@@ -9,11 +9,11 @@ import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
-from tumblecal.planning.alternatives import competition
-from tumblecal.planning.conditions import continued
-from tumblecal.planning.new_rows import rows_of
-from tumblecal.planning.next_plan import SEPARATE, next_plan
-from tumblecal.planning.proposals import Allowed, proposals
+from tumblecal.plan.next.competition import competition
+from tumblecal.plan.next.conditions import continued
+from tumblecal.plan.next.next_plan import SEPARATE, next_plan
+from tumblecal.plan.next.proposals import Allowed, proposals
+from tumblecal.plan.next.rows import rows_of
 
 
 HIDDEN, OFF = "cross_coupling.x.xz", ("outlier_position:1-1", "outlier_position:1-3")

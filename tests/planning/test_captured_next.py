@@ -6,8 +6,8 @@ import pytest
 
 from tumblecal.capture.capture_plan import CaptureSetup, read_plan
 from tumblecal.data import write_positions
-from tumblecal.planning.next_capture import LABELS
-from tumblecal.planning.proposals import SIDES
+from tumblecal.plan.next.next_capture import LABELS
+from tumblecal.plan.next.proposals import SIDES
 
 
 FIRST = """[session]

@@ -9,8 +9,8 @@ from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.position_problem import where_of
-from tumblecal.planning.next_plan import next_plan
-from tumblecal.planning.proposals import Allowed
+from tumblecal.plan.next.next_plan import next_plan
+from tumblecal.plan.next.proposals import Allowed
 
 
 AXES = "xyz"

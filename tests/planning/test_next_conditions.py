@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import norm
 
 from tumblecal.data import PositionSet
-from tumblecal.planning.conditions import candidates, continued
-from tumblecal.planning.posterior import Posterior
-from tumblecal.planning.promise import promise_of
+from tumblecal.plan.next.conditions import candidates, continued
+from tumblecal.plan.next.posterior import Posterior
+from tumblecal.plan.next.promise import promise_of
 
 
 def measured(time=True, temperature=None):
@@ -52,8 +52,8 @@ def promised(apart, *, sd=0.0, odds=1.0, larger=0.0, unlisted=0.0, unnamed=()):
     """A coefficient 1 +- `sd` whose signal at a new position, on x, is `apart` sd of the noise; the alternative has none."""
     known = 1.0 / max(sd, 1e-4) ** 2
     signal = apart * np.eye(3)[None, :, :1]
-    with_it = Posterior(np.array([[known]]), np.array([known]), signal, np.zeros((1, 3)))
-    posteriors = [with_it, Posterior(np.eye(1), np.zeros(1), 0.0 * signal, np.zeros((1, 3)))]
+    with_it = Posterior(signal, np.array([[known]]), np.array([known]), np.zeros((1, 3)))
+    posteriors = [with_it, Posterior(0.0 * signal, np.eye(1), np.zeros(1), np.zeros((1, 3)))]
     competition = SimpleNamespace(
         log_odds=np.log([odds]),
         alternatives=(("b",),),

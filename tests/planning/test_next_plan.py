@@ -17,9 +17,9 @@ from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.position_problem import where_of
 from tumblecal.ground.atomic import write_texts
-from tumblecal.planning.next_capture import LABELS, next_captures, next_commands
-from tumblecal.planning.next_plan import SEPARATE, SHARPEN, next_plan
-from tumblecal.planning.proposals import SIDES, Allowed
+from tumblecal.plan.next.next_capture import LABELS, next_captures, next_commands
+from tumblecal.plan.next.next_plan import SEPARATE, SHARPEN, next_plan
+from tumblecal.plan.next.proposals import SIDES, Allowed
 from tumblecal.show.next_plan import next_plan_texts
 
 

@@ -11,16 +11,16 @@ from tumblecal.chain.plan import grid
 from tumblecal.chain.rig import Rig
 from tumblecal.plan.bounds import Bounds
 from tumblecal.plan.candidates import Evaluated
-from tumblecal.plan.cells import Cells
-from tumblecal.plan.common_plans import Positions
+from tumblecal.plan.cells import Cells, Positions
 from tumblecal.plan.criterion import Criterion, Part
 from tumblecal.plan.design import DesignedPlan
-from tumblecal.plan.forecast.naming import Alias, EffectForecast, NamingForecast
+from tumblecal.plan.forecast.record import Alias, EffectForecast, NamingForecast
 from tumblecal.plan.order import Ordered
 from tumblecal.plan.plan_files import capture_files
 from tumblecal.plan.request import Wanted
 from tumblecal.plan.responses import Responses, Setting
 from tumblecal.plan.schedule import Schedule
+from tumblecal.plan.search import Found
 from tumblecal.plan.uncertainties import Uncertainties
 from tumblecal.show.plan import plan_lines, words_of_plan
 
@@ -36,7 +36,7 @@ def evaluated(name, sd, **further):
     sizes = np.array(sd) * 1e-3
     found = Uncertainties(NAMES, np.full(2, 1e-3), sizes, np.diag(np.array(sd) ** 2))
     use = np.array([[1e-4, 1e-4, 1e-4], [2e-4, 1e-4, 1e-4]])
-    return Evaluated(Positions(name, "", (), (), ()), SCHEDULE, found, use, compared=NAMES, **further)
+    return Evaluated(Positions(name, "", CELLS), SCHEDULE, found, use, compared=NAMES, **further)
 
 
 @pytest.fixture
@@ -60,9 +60,12 @@ def plan():
         ),
         names=("1", "2", "3", "4"),
         measured=0,
-        criterion=Criterion("worst", (Part(np.eye(2), "largest"),)),
-        ordered=Ordered(SCHEDULE, 0.2, 0.1998),
-        bounds=Bounds(0.18, 0.19, 0.2, (), "whole positions: ...", 0.18),
+        found=Found(
+            Criterion("worst", (Part(np.eye(2), "largest"),)),
+            Ordered(SCHEDULE, 0.2, 0.1998),
+            Bounds(0.18, 0.19, 0.2, (), "whole positions: ...", 0.18),
+            (),
+        ),
         after=evaluated("this plan", [0.2, 0.1], effects=(named,), undetectable=("gravity_value",)),
         before=evaluated(
             "plan of the rig file", [0.8, 0.1], undetectable=("a", "b"), effects=(replace(named, named=0.1),)
@@ -74,13 +77,13 @@ def plan():
             evaluated("4 x 12", [0.4, 0.1], effects=(named,)),
             evaluated("random", [0.1, 0.1], fits=False, effects=(named,)),
         ),
-        traded=(),
         forecast=predicted,
     )
 
 
 def test_lines_and_tables_of_a_plan(plan, snapshot):
-    added = replace(plan, measured=2, forecast=None, bounds=None, after=replace(plan.after, effects=()))
+    found, after = replace(plan.found, bounds=None), replace(plan.after, effects=())
+    added = replace(plan, measured=2, forecast=None, found=found, after=after)
     words, of_added = (words_of_plan(each, Path("plan")) for each in (plan, added))
     tables = (words.blocks[name] for name in ("positions", "uncertainties", "practice", "effects", "named"))
     texts = {

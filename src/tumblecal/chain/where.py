@@ -290,7 +290,9 @@ VISITS = {"pitch_visit": ("run.mount.pitch", "pitch"), "mount_visit": ("run.moun
 def with_visits(where: Where, by: Collection[str | None]) -> Where:
     """The settings with those of the index columns `by` that number visits: each time a setting is set again is another group,
     named by the setting and the number of the visit (`_0@visit=3`)."""
-    groups, labels, order = dict(where.groups), list(where.labels), np.asarray(where.in_order)
+    groups, labels, run = dict(where.groups), list(where.labels), np.asarray(where.index("run"))
+    # `in_order` in numpy: JAX would compile it for each number of positions.
+    order = np.lexsort((np.arange(len(run)) if where.time_s is None else np.asarray(where.time_s), run))
     for name, (changing, setting) in VISITS.items():
         if name not in by or name in groups:
             continue

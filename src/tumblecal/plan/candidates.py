@@ -1,7 +1,7 @@
 """All positions of a design: those that the head can measure, those measured already, and those of plans to compare."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,10 +10,9 @@ from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.rig import Rig
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import ONE_TEMPERATURE_DEGC, soak_numbers
-from tumblecal.plan.cells import Cells, cells_of
-from tumblecal.plan.common_plans import Positions
+from tumblecal.plan.cells import Cells, Positions, cells_of
 from tumblecal.plan.criterion import attitudes_in_use
-from tumblecal.plan.forecast.naming import EffectForecast
+from tumblecal.plan.forecast.record import EffectForecast
 from tumblecal.plan.responses import Responses, responses_of
 from tumblecal.plan.schedule import Schedule, schedule
 from tumblecal.plan.uncertainties import Uncertainties, in_use_sd, uncertainties
@@ -83,7 +82,7 @@ class Candidates:
 
     - `responses`: the cells of the head come first, `of_head` of them, then those measured already and those of other plans.
       `use`: of attitudes in use.
-    - `numbers`: cells of other plans by their names; `measured`: of the positions that are measured already.
+    - `measured`: cells of the positions that are measured already. `others`: of each other plan.
     """
 
     responses: Responses
@@ -91,12 +90,16 @@ class Candidates:
     ability: HeadAbility
     of_head: int
     measured: Int[np.ndarray, " measured"]
-    numbers: Mapping[str, Int[np.ndarray, " positions"]]
+    others: tuple[Int[np.ndarray, " positions"], ...]
+
+    def scheduled(self, order: Int[np.ndarray, " positions"]) -> Schedule:
+        """The schedule of some of these cells."""
+        return schedule(self.responses.cells, order, self.ability.times)
 
     @property
-    def done(self) -> Schedule | None:
-        """The schedule of the positions that are measured already; None: there are none."""
-        return schedule(self.responses.cells, self.measured, self.ability.times) if len(self.measured) else None
+    def minutes_measured(self) -> float:
+        """Duration of the positions that are measured already."""
+        return self.scheduled(self.measured).minutes if len(self.measured) else 0.0
 
     def evaluated(self, positions: Positions, planned: Schedule, *, fits: bool = True) -> Evaluated:
         """A schedule of these cells with its uncertainties."""
@@ -104,38 +107,39 @@ class Candidates:
         return Evaluated(positions, planned, found, in_use_sd(self.use, found.covariance), fits)
 
     def in_time(self, positions: Positions, once: Int[np.ndarray, " positions"], minutes: float) -> Evaluated:
-        """Positions of each mounting and temperature repeated, without remounting, until the time is used."""
-        cells, times = self.responses.cells, self.ability.times
-        changed = (np.diff(cells.mounting[once]) != 0) | (np.diff(cells.soak[once]) != 0)
-        blocks = np.split(once, 1 + np.flatnonzero(changed))
+        """Positions of each mounting and temperature repeated, without remounting, until the time is used: the last mounting
+        gets the rest."""
+        *blocks, last = np.split(once, 1 + np.flatnonzero(np.diff(self.responses.cells.sitting[once])))
+        passes, limit_s = 1, 60 * minutes + 1e-6
 
-        def repeated(passes: int, more: int = 0) -> Schedule:
-            """The last mounting gets the rest of the time."""
-            rows = [np.tile(block, passes) for block in blocks]
-            return schedule(cells, np.concatenate([*rows, np.tile(blocks[-1], more)]), times)
+        def repeated(passes: int, of_last: int) -> Schedule:
+            return self.scheduled(
+                np.concatenate([*(np.tile(block, passes) for block in blocks), np.tile(last, of_last)])
+            )
 
-        passes = 1
-        while repeated(passes + 1).minutes <= minutes:
+        while repeated(passes + 1, passes + 1).end_s <= limit_s:
             passes += 1
-        planned, longer = repeated(passes), repeated(passes, passes + len(once))
-        count = int(np.sum(longer.start_s + times.dwell_s <= 60 * minutes + 1e-6))
-        planned = schedule(cells, longer.cells[: max(count, len(planned))], times)
-        return self.evaluated(positions, planned, fits=planned.minutes <= minutes + 1e-6)
+        longer = repeated(passes, 2 * passes + len(once))
+        count = np.count_nonzero(longer.start_s + self.ability.times.dwell_s <= limit_s)
+        planned = self.scheduled(longer.cells[: max(count, passes * len(once))])
+        return self.evaluated(positions, planned, fits=bool(planned.end_s <= limit_s))
 
 
 def candidates_of(
-    rig: Rig, ability: HeadAbility, measured: Positions | None, others: Mapping[str, Positions]
+    rig: Rig, ability: HeadAbility, measured: Positions | None, others: Sequence[Positions]
 ) -> Candidates:
-    """The positions of a head, of a measurement and of other plans by name.
+    """The positions of a head, of a measurement and of other plans.
 
     **Raises:** `InputError` for a rig with effects of time.
     """
-    cells = cells_of(ability)
-    of_head, numbers = len(cells), dict[str, np.ndarray]()
-    for name, positions in [*([] if measured is None else [("", measured)]), *others.items()]:
-        cells, numbers[name] = cells.joined(_cells(positions, ability))
+    cells, numbers = cells_of(ability), list[np.ndarray]()
+    of_head = len(cells)
+    for positions in [*([] if measured is None else [measured]), *others]:
+        cells, number = cells.joined(_in_chamber(positions.cells, ability))
+        numbers.append(number)
+    whole, used = cells.joined(attitudes_in_use(ability))
     try:
-        responses, use = responses_of(rig, cells), responses_of(rig, attitudes_in_use(ability))
+        responses = responses_of(rig, whole)
     except InputError as error:
         if not (rig.effects or rig.temperature.leaves):
             raise
@@ -143,21 +147,20 @@ def candidates_of(
             f"{rig.source}: {str(error).removeprefix(f'{rig.source}: ')} (a plan is designed for settings without times): "
             "remove such effects from chain.effects, and state the temperatures of a chamber in [head] temperatures_degc"
         ) from error
-    return Candidates(responses, use, ability, of_head, numbers.pop("", np.zeros(0, int)), numbers)
+    known = np.zeros(0, int) if measured is None else numbers.pop(0)
+    own = responses.chosen(np.arange(len(cells)))
+    return Candidates(own, responses.chosen(used), ability, of_head, known, tuple(numbers))
 
 
-def _cells(positions: Positions, ability: HeadAbility) -> Cells:
-    """Cells at the stated temperatures, otherwise at the middle one of the chamber."""
-    chamber, stated, temperature = ability.temperatures_degc, positions.temperature_degc, None
-    if chamber:
-        temperature = np.full(len(positions), float(np.median(chamber))) if stated is None else _soaked(stated, chamber)
-    return Cells(np.array(positions.alpha_deg), np.array(positions.beta_deg), positions.mounts, temperature)
-
-
-def _soaked(degc: Sequence[float], chamber: Sequence[float]) -> Float[np.ndarray, " positions"]:
-    """Measured temperatures: the mean of each soak, or the temperature of the chamber that it is equal to."""
-    measured, listed = np.array(degc, float), np.array(chamber)
-    if (number := soak_numbers(measured)) is not None:
-        measured = (np.bincount(number, measured) / np.bincount(number))[number]
-    nearest = listed[np.argmin(np.abs(measured[:, None] - listed), axis=1)]
-    return np.where(np.abs(measured - nearest) <= ONE_TEMPERATURE_DEGC, nearest, measured)
+def _in_chamber(cells: Cells, ability: HeadAbility) -> Cells:
+    """Cells at the temperatures of the chamber: the mean of each soak, or the temperature of the chamber that it is equal to;
+    its middle one if no temperature is stated."""
+    chamber, degc = np.array(ability.temperatures_degc), cells.temperature_degc
+    if not len(chamber):
+        return replace(cells, temperature_degc=None)
+    if degc is None:
+        return replace(cells, temperature_degc=np.full(len(cells), float(np.median(chamber))))
+    if (number := soak_numbers(degc)) is not None:
+        degc = (np.bincount(number, degc) / np.bincount(number))[number]
+    nearest = chamber[np.argmin(np.abs(degc[:, None] - chamber), axis=1)]
+    return replace(cells, temperature_degc=np.where(np.abs(degc - nearest) <= ONE_TEMPERATURE_DEGC, nearest, degc))

@@ -5,38 +5,22 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.nominal import UNIT_OF_LEAF, unit_of_parameter
 from tumblecal.chain.rig import Rig
 from tumblecal.effects.catalogue import Catalogue
-from tumblecal.ground.counted import counted, shortened
+from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.record import rows, table
-from tumblecal.plan.bounds import Bounds
-from tumblecal.plan.candidates import Candidates, Evaluated, candidates_of
-from tumblecal.plan.cells import Cells, cells_of
-from tumblecal.plan.common_plans import Positions, common_plans
-from tumblecal.plan.criterion import Criterion
-from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
-from tumblecal.plan.forecast.naming import (
-    NamingForecast,
-    detectable,
-    detection_limit,
-    forecast,
-    forecast_of_effect,
-)
-from tumblecal.plan.order import Ordered
+from tumblecal.plan.candidates import Evaluated, candidates_of
+from tumblecal.plan.cells import Cells, Positions, cells_of
+from tumblecal.plan.common_plans import common_plans
+from tumblecal.plan.forecast.record import NamingForecast
 from tumblecal.plan.planned_rig import planned_rig
-from tumblecal.plan.request import Wanted, rig_positions
+from tumblecal.plan.request import Wanted
 from tumblecal.plan.responses import Responses
-from tumblecal.plan.schedule import schedule
-from tumblecal.plan.search import Search, TradeOff, search_of
-
-
-# Draws for each effect of a plan that is compared.
-_DRAWS = 200
+from tumblecal.plan.search import Found, searched
 
 
 @dataclass(frozen=True)
@@ -45,11 +29,10 @@ class DesignedPlan:
 
     - `rig`: with the positions of the plan. `ability`: of the head. `wanted`: the request.
     - `responses`: of all cells. `names`: of the positions of `after.schedule`; `measured`: so many are measured already.
-    - `criterion`: of the covariance. `ordered`: the schedule with its value, also if the slow noise were known. `bounds`: of
-      plans under white noise, if the criteria are those of the covariance.
+    - `found`: criterion, order, bounds and trade-off.
     - `after`: the plan. `before`: the positions that are measured already, otherwise the plan of the rig file.
     - `practice`: common practice, and plans to compare, in the same time.
-    - `traded`: the trade-off between time and criterion. `forecast`: of the diagnosis.
+    - `forecast`: of the diagnosis.
     """
 
     rig: Rig
@@ -58,13 +41,10 @@ class DesignedPlan:
     responses: Responses
     names: tuple[str, ...]
     measured: int
-    criterion: Criterion
-    ordered: Ordered
-    bounds: Bounds | None
+    found: Found
     after: Evaluated
     before: Evaluated
     practice: tuple[Evaluated, ...]
-    traded: tuple[TradeOff, ...]
     forecast: NamingForecast | None
 
     @cached_property
@@ -129,95 +109,63 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         )
     wanted.check_size(ability.times)
     common = (*common_plans(ability, rig.mounts, wanted.seed), *wanted.compared)
-    if ability.temperatures_degc:
+    if degc := ability.temperatures_degc:
         # Functions of temperature are those over the range of the chamber, whichever temperatures the plan visits.
         rig = replace(rig, temperature=rig.temperature.stated_for(cells_of(ability).where))
-        common = tuple(
-            each.at_each(ability.temperatures_degc) if each.temperature_degc is None else each for each in common
-        )
-        if wanted.measured is not None and wanted.measured.temperature_degc is None:
+        common = tuple(each.at_each(degc) if each.cells.temperature_degc is None else each for each in common)
+        if wanted.measured is not None and wanted.measured.cells.temperature_degc is None:
             raise InputError(
                 f"{wanted.measured.name}: no temperature_degc, but {rig.source} has a chamber ([head] temperatures_degc); "
                 "add the temperature of each position"
             )
-    others = {"rig": rig_positions(rig)} | {f"practice {k}": each for k, each in enumerate(common)}
-    candidates = candidates_of(rig, ability, wanted.measured, others)
-    search = search_of(rig, candidates, wanted, entries)
-    taken, limit = search.best()
-    _require_determined(rig, search, taken)
-    ordered = search.ordered(taken)
-    planned, done = ordered.schedule, candidates.done
-    names = (
-        *(f"measured-{k + 1}" for k in range(len(candidates.measured))),
-        *(str(k + 1) for k in range(len(planned) - len(candidates.measured))),
-    )
-    after = candidates.evaluated(Positions("this plan", "", (), (), ()), planned)
-    before = candidates.evaluated(
-        wanted.measured or others["rig"],
-        done or schedule(candidates.responses.cells, candidates.numbers["rig"], ability.times),
-    )
-    practice = [
-        candidates.in_time(positions, candidates.numbers[f"practice {k}"], planned.minutes)
-        for k, positions in enumerate(common)
-    ]
-    minutes = planned.minutes - (0.0 if done is None else done.minutes)
-    traded = [TradeOff(len(taken), minutes, ordered.drift_known), *search.traded(len(taken))]
+    with single_blas_thread():
+        return _designed(rig, wanted, entries, ability, common)
+
+
+def _designed(
+    rig: Rig, wanted: Wanted, entries: Catalogue, ability: HeadAbility, common: tuple[Positions, ...]
+) -> DesignedPlan:
+    """The plan of a request that is checked, and plans to compare."""
+    there = rig.plan
+    rows = list(zip(there.alpha_deg, there.beta_deg, there.mounts, strict=True))
+    present = Positions("plan of the rig file", "", Cells.listed(rows, there.temperature_degc))
+    candidates = candidates_of(rig, ability, wanted.measured, [present, *common])
+    found = searched(rig, candidates, wanted, entries)
+    planned, measured = found.ordered.schedule, candidates.measured
+    new = range(1, 1 + len(planned) - len(measured))
+    names = (*(f"measured-{k + 1}" for k in range(len(measured))), *map(str, new))
+    before = candidates.scheduled(measured if len(measured) else candidates.others[0])
+    after = candidates.evaluated(Positions("this plan", "", candidates.responses.cells.chosen(planned.cells)), planned)
+    others = [candidates.evaluated(wanted.measured or present, before)]
+    for positions, once in zip(common, candidates.others[1:], strict=True):
+        others.append(candidates.in_time(positions, once, planned.minutes))
     made, predicted = planned_rig(rig, candidates.responses, planned, ability, names, wanted.seed), None
     if wanted.forecast:
-        of = effects_of_plan(made, entries)
-        predicted = forecast(made, of, wanted.effects, seed=wanted.seed)
+        from tumblecal.plan.forecast.naming import forecasts
+
+        rigs = [
+            planned_rig(rig, candidates.responses, each.schedule, ability, tuple(map(str, range(len(each.schedule)))))
+            for each in others
+        ]
+        predicted, compared = forecasts(made, rigs, entries, wanted.effects, wanted.seed)
         after = replace(after, effects=predicted.effects, undetectable=predicted.undetectable)
-        before, *practice = (_with_effects(rig, candidates, each, wanted, of) for each in (before, *practice))
-    found = after.uncertainties
-    determined = tuple(name for name in found.names if name not in found.undetermined)
-    after, before, *practice = (replace(each, compared=determined) for each in (after, before, *practice))
+        others = [
+            replace(each, effects=effects, undetectable=undetectable)
+            for each, (effects, undetectable) in zip(others, compared, strict=True)
+        ]
+    found_by = after.uncertainties
+    determined = tuple(name for name in found_by.names if name not in found_by.undetermined)
+    after, *others = (replace(each, compared=determined) for each in (after, *others))
     return DesignedPlan(
         rig=made,
         ability=ability,
         wanted=wanted,
         responses=candidates.responses,
         names=names,
-        measured=len(candidates.measured),
-        criterion=search.criterion,
-        ordered=ordered,
-        bounds=limit,
+        measured=len(measured),
+        found=found,
         after=after,
-        before=before,
-        practice=tuple(practice),
-        traded=tuple(sorted(traded, key=lambda each: each.minutes)),
+        before=others[0],
+        practice=tuple(others[1:]),
         forecast=predicted,
     )
-
-
-def _require_determined(rig: Rig, search: Search, taken: Int[np.ndarray, " new"]) -> None:
-    """Reject a plan with fewer positions than wanted, and one that does not determine parameters which more positions would.
-
-    **Raises:** `InputError` with these parameters.
-    """
-    positions, minutes = search.wanted.positions, search.wanted.minutes
-    if positions is not None and minutes is not None and len(taken) < positions:
-        raise InputError(
-            f"{rig.source}: --positions {positions} and --minutes {minutes:g} contradict each other: at most {len(taken)} "
-            "positions fit; allow more time, or give one of the two"
-        )
-    hopeless = search.model.undetermined()
-    missing = [name for name in search.model.undetermined(taken) if name not in hopeless]
-    if missing:
-        limit = "--minutes" if positions is None else "--positions"
-        limit += ", or more --parameters" if search.wanted.parameters else ""
-        raise InputError(
-            f"{rig.source}: {counted(len(taken), 'position')} cannot determine {shortened(missing, 9)} "
-            f"({len(search.model.names)} parameters and the errors of the settings); give a larger {limit}"
-        )
-
-
-def _with_effects(rig: Rig, candidates: Candidates, plan: Evaluated, wanted: Wanted, like: EffectsOfPlan) -> Evaluated:
-    """A plan with its forecasts; `like`: the effects of the designed plan."""
-    names = tuple(map(str, range(len(plan.schedule))))
-    made = planned_rig(rig, candidates.responses, plan.schedule, candidates.ability, names)
-    of = effects_of_plan(made, like.entries, like.model)
-    effects = tuple(
-        forecast_of_effect(of, id, size, detection_limit(of, id, 1, wanted.seed), _DRAWS, wanted.seed)
-        for id, size in wanted.effects.items()
-    )
-    return replace(plan, effects=effects, undetectable=tuple(id for id in of.ids if not detectable(of, id)))

@@ -16,8 +16,8 @@ from tumblecal.plan.limits import Limits, in_order
 from tumblecal.plan.set_value import SetValue, Term
 
 
-# An exchange counts if it reduces the value by more than this share.
-_GAIN = 1e-6
+# An exchange counts if it reduces the value by more than this share; a pass of them, if by more than the second one.
+_GAIN, _OF_PASS = 1e-6, 1e-5
 # Largest number of passes, and of positions that are tried in each.
 _PASSES, _TRIED = 30, 48
 # Largest number of sets of mountings and temperatures that are tried.
@@ -66,13 +66,17 @@ def _sets(limits: Limits, rng: np.random.Generator) -> list[Bool[np.ndarray, " c
     since none costs anything."""
     if not limits.timed:
         return [limits.allowed]
-    allowed, count = np.flatnonzero(limits.allowed), len(limits.cells)
-    first = allowed[np.unique(limits.sitting[allowed], return_index=True)[1]]
+    first, sitting = _one_each(limits), limits.cells.sitting
     sets = (np.array(one) for size in range(1, len(first) + 1) for one in combinations(first.tolist(), size))
-    listed = [one for one in sets if not limits.exceeded(np.bincount(one, minlength=count))]
-    if len(listed) > _SETS:
-        listed = [listed[k] for k in np.sort(rng.permutation(len(listed))[:_SETS])]
-    return [np.isin(limits.sitting, limits.sitting[one]) for one in listed]
+    listed = [one for one in sets if not limits.exceeded(np.bincount(one, minlength=len(sitting)))]
+    some = np.sort(rng.permutation(len(listed))[:_SETS])
+    return [np.isin(sitting, sitting[listed[k]]) for k in some]
+
+
+def _one_each(limits: Limits) -> Int[np.ndarray, " sittings"]:
+    """The first allowed cell of each mounting and temperature."""
+    allowed = np.flatnonzero(limits.allowed)
+    return allowed[np.unique(limits.cells.sitting[allowed], return_index=True)[1]]
 
 
 def _random(limits: Limits, rng: np.random.Generator) -> list[int]:
@@ -82,9 +86,8 @@ def _random(limits: Limits, rng: np.random.Generator) -> list[int]:
     first = rng.permutation(allowed)
     if limits.timed:
         groups = rng.permutation(np.unique(group[allowed]))
-        some = rng.permutation(allowed[np.isin(group[allowed], groups[: rng.integers(1, len(groups) + 1)])])
-        one_each = allowed[np.unique(limits.sitting[allowed], return_index=True)[1]]
-        first = np.concatenate([rng.permutation(one_each), some, first])
+        some = allowed[np.isin(group[allowed], groups[: rng.integers(1, len(groups) + 1)])]
+        first = np.concatenate([rng.permutation(_one_each(limits)), rng.permutation(some), first])
     for cell in first:
         while limits.fits(number)[cell]:
             number[cell] += 1
@@ -96,82 +99,74 @@ def _improved(
 ) -> SetValue:
     """A start, without its least valuable positions if it exceeds the limits, exchanged until nothing improves; with limited
     time also `whole` pitch settings."""
-    plan = _Plan(limits, terms, rng, start)
-    while plan.value.cells and limits.exceeded(plan.number):
-        plan.remove(plan.value.cells[int(np.argmin(plan.value.if_removed()))])
-    plan.fill()
+    plan = SetValue(terms, start)
+    while plan.cells and limits.exceeded(_number(limits, plan)):
+        plan.remove(plan.cells[int(np.argmin(plan.if_removed()))])
+    _fill(limits, plan)
     for _ in range(_PASSES):
-        plan.exchange()
-        if not whole or not limits.timed or not plan.regroup():
+        _exchange(limits, plan, rng)
+        other = _regrouped(limits, terms, plan, rng) if whole and limits.timed else plan
+        if other is plan:
             break
-    return plan.value
+        plan = other
+    return plan
 
 
-class _Plan:
-    """Positions with their value, and their number in each cell."""
+def _number(limits: Limits, plan: SetValue) -> Int[np.ndarray, " cells"]:
+    """Number of positions in each cell."""
+    return np.bincount(np.array(plan.cells, int), minlength=len(limits.cells))
 
-    def __init__(
-        self, limits: Limits, terms: Sequence[Term], rng: np.random.Generator, cells: Sequence[int] | np.ndarray
-    ) -> None:
-        self._limits, self._terms, self._rng = limits, terms, rng
-        self._begin(cells)
 
-    def _begin(self, cells: Sequence[int] | np.ndarray) -> None:
-        self.value = SetValue(self._terms, cells)
-        self.number = np.bincount(np.asarray(cells, int), minlength=len(self._limits.cells))
+def _best(plan: SetValue, fits: Bool[np.ndarray, " cells"]) -> tuple[int, float]:
+    """The best cell for one more position, and the value with it; infinite if none fits."""
+    some = np.flatnonzero(fits)
+    if not len(some):
+        return -1, np.inf
+    values = plan.if_added(some)
+    return int(some[np.argmin(values)]), float(values.min())
 
-    def _add(self, cell: int) -> None:
-        self.value.add(cell)
-        self.number[cell] += 1
 
-    def remove(self, cell: int) -> None:
-        """Remove a position."""
-        self.value.remove(cell)
-        self.number[cell] -= 1
+def _fill(limits: Limits, plan: SetValue) -> None:
+    """Add the best position as long as one fits."""
+    while (cell := _best(plan, limits.fits(_number(limits, plan)))[0]) >= 0:
+        plan.add(cell)
 
-    def fill(self) -> None:
-        """Add the best position as long as one fits."""
-        while np.any(fit := self._limits.fits(self.number)):
-            self._add(int(np.argmin(np.where(fit, self.value.if_added(), np.inf))))
 
-    def exchange(self) -> None:
-        """Exchange single positions, those that are missed least, in random order, until a whole pass improves nothing."""
-        for _ in range(_PASSES):
-            before, least = self.value.value, np.argsort(self.value.if_removed(), kind="stable")[:_TRIED]
-            for cell in self._rng.permutation(np.array(self.value.cells)[least]).tolist():
-                had = self.value.value
-                self.remove(cell)
-                values = np.where(self._limits.fits(self.number), self.value.if_added(), np.inf)
-                other = int(np.argmin(values))
-                self._add(other if values[other] < had * (1 - _GAIN) else cell)
-            self.fill()
-            if self.value.value > before * (1 - 1e-5):
+def _exchange(limits: Limits, plan: SetValue, rng: np.random.Generator) -> None:
+    """Exchange single positions, those that are missed least, in random order, until a whole pass improves nothing."""
+    for _ in range(_PASSES):
+        before, least = plan.value, np.argsort(plan.if_removed(), kind="stable")[:_TRIED]
+        for cell in rng.permutation(np.array(plan.cells)[least]).tolist():
+            had = plan.value
+            plan.remove(cell)
+            other, value = _best(plan, limits.fits(_number(limits, plan)))
+            plan.add(other if value < had * (1 - _GAIN) else cell)
+        _fill(limits, plan)
+        if plan.value > before * (1 - _OF_PASS):
+            return
+
+
+def _regrouped(limits: Limits, terms: Sequence[Term], plan: SetValue, rng: np.random.Generator) -> SetValue:
+    """Each pitch setting closed, or each other one opened in place of the least valuable positions, if that is better; the plan
+    itself if nothing is."""
+    groups = limits.cells.group
+    for group in rng.permutation(np.unique(groups[limits.allowed])).tolist():
+        others = [cell for cell in plan.cells if groups[cell] != group]
+        other = SetValue(terms, others)
+        if len(others) == len(plan.cells):
+            _open(limits, other, group)
+        _fill(limits, other)
+        plan = other if other.value < plan.value * (1 - _GAIN) else plan
+    return plan
+
+
+def _open(limits: Limits, plan: SetValue, group: int) -> None:
+    """Add two positions of a pitch setting, after removing others until they fit."""
+    groups = limits.cells.group
+    for _ in range(2):
+        while not np.any(fits := limits.fits(_number(limits, plan)) & (groups == group)):
+            others = groups[plan.cells] != group
+            if not np.any(others):
                 return
-
-    def regroup(self) -> bool:
-        """Close each pitch setting, or open each other one in place of the least valuable positions, if that is better."""
-        groups, improved = self._limits.cells.group, False
-        for group in self._rng.permutation(np.unique(groups[self._limits.allowed])).tolist():
-            had, value = list(self.value.cells), self.value.value
-            here = [cell for cell in had if groups[cell] == group]
-            for cell in here:
-                self.remove(cell)
-            if not here:
-                self._open(group)
-            self.fill()
-            if self.value.value < value * (1 - _GAIN):
-                improved = True
-            else:
-                self._begin(had)
-        return improved
-
-    def _open(self, group: int) -> None:
-        """Add two positions of a pitch setting, after removing others until they fit."""
-        groups = self._limits.cells.group
-        for _ in range(2):
-            while not np.any(fit := self._limits.fits(self.number) & (groups == group)):
-                others = groups[self.value.cells] != group
-                if not np.any(others):
-                    return
-                self.remove(self.value.cells[int(np.argmin(np.where(others, self.value.if_removed(), np.inf)))])
-            self._add(int(np.argmin(np.where(fit, self.value.if_added(), np.inf))))
+            plan.remove(plan.cells[int(np.argmin(np.where(others, plan.if_removed(), np.inf)))])
+        plan.add(_best(plan, fits)[0])

@@ -3,18 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.chain.head_ability import HeadAbility, Times
 from tumblecal.ground.errors import InputError
-from tumblecal.plan.cells import Cells
-
-
-# A sitting: number of the temperature, and of the mounting.
-Sitting = tuple[int, int]
+from tumblecal.plan.cells import Cells, Sitting
 
 
 @dataclass(frozen=True)
@@ -34,79 +30,52 @@ class Limits:
     allowed: Bool[np.ndarray, " cells"]
     present: int | None = None
 
-    @cached_property
-    def sittings(self) -> tuple[list[Sitting], Int[np.ndarray, " cells"]]:
-        """All sittings, and the number of that of each cell."""
-        pairs = np.stack([self.cells.soak, self.cells.mounting], axis=1)
-        found, number = np.unique(pairs, axis=0, return_inverse=True)
-        return [(int(soak), int(mounting)) for soak, mounting in found], number.ravel()
-
-    @property
-    def sitting(self) -> Int[np.ndarray, " cells"]:
-        """Number of the sitting of each cell."""
-        return self.sittings[1]
-
     @property
     def timed(self) -> bool:
         """Whether the duration is limited."""
         return bool(np.isfinite(self.seconds))
 
-    def _used(self, number: Int[np.ndarray, " cells"]) -> list[Int[np.ndarray, " labels"]]:
-        """Positions, and the present one, in each cell, pitch setting, sitting and temperature."""
-        at = np.flatnonzero(number) if self.present is None else np.append(np.flatnonzero(number), self.present)
-        labels = np.arange(len(number)), self.cells.group, self.sitting, self.cells.soak
-        return [np.bincount(label[at], minlength=int(label.max()) + 1) for label in labels]
+    @cached_property
+    def _sittings(self) -> dict[int, Sitting]:
+        return dict(zip(self.cells.sitting.tolist(), self.cells.sittings, strict=True))
 
-    def _remounts(self, used: Sequence[int] | np.ndarray) -> int:
+    def _remounts(self, sittings: Sequence[int]) -> int:
         """The fewest remounts of some sittings, by their numbers."""
-        known, number = self.sittings
-        first = None if self.present is None else known[number[self.present]]
-        return sittings_in_order(tuple(known[k] for k in used), first)[0]
+        first = None if self.present is None else self.cells.sittings[self.present]
+        return sittings_in_order(tuple(self._sittings[k] for k in sorted(sittings)), first)[0]
 
-    def duration_s(self, number: Int[np.ndarray, " cells"]) -> float:
-        """Duration of so many positions in each cell, settings visited once: at most this, since the spindle need not turn at
-        every change of the pitch setting."""
-        used = self._used(number)
-        return self._duration_s(int(number.sum()), used, self._remounts(np.flatnonzero(used[2])))
-
-    def _duration_s(self, total: int, used: Sequence[Int[np.ndarray, " labels"]], remounts: int) -> float:
-        """Duration of `total` positions with so many remounts; `used`: as from `_used`."""
-        times = self.times
-        distinct, groups, _, soaks = (int(np.count_nonzero(one)) for one in used)
-        return (total > 0) * (
-            total * (times.dwell_s + times.settle_s)
-            + (distinct - 1) * times.turn_s
-            + (groups - 1) * times.pitch_change_s
-            + remounts * times.remount_s
-            + (soaks - 1) * times.temperature_change_s
+    def durations_s(self, number: Int[np.ndarray, " cells"]) -> tuple[float, Float[np.ndarray, " cells"]]:
+        """Duration of so many positions in each cell, settings visited once, and what one more in each cell adds. It is at most
+        this, since the spindle need not turn at every change of the pitch setting."""
+        times, cells = self.times, self.cells
+        at, dwell = np.flatnonzero(number), float(times.dwell_s + times.settle_s)
+        at = at if self.present is None else np.append(at, self.present)
+        if not len(at):
+            return 0.0, np.full(len(number), dwell)
+        labels = (np.arange(len(number)), cells.group, cells.soak, cells.sitting)
+        steps = (times.turn_s, times.pitch_change_s, times.temperature_change_s)
+        used = [np.bincount(label[at], minlength=int(label.max()) + 1) > 0 for label in labels]
+        here = np.flatnonzero(used[3]).tolist()
+        now = self._remounts(here)
+        remounts = np.array(
+            [0 if open else self._remounts([*here, k]) - now for k, open in enumerate(used[3].tolist())]
         )
+        total, more = number.sum() * dwell + now * times.remount_s, dwell + times.remount_s * remounts[cells.sitting]
+        for step, label, open in zip(steps, labels, used, strict=False):
+            total, more = total + step * (np.count_nonzero(open) - 1), more + step * ~open[label]
+        return float(total), more
 
     def exceeded(self, number: Int[np.ndarray, " cells"]) -> bool:
         """Whether so many positions in each cell exceed the limits."""
-        return int(number.sum()) > self.count or (self.timed and self.duration_s(number) > self.seconds + 1e-9)
+        return int(number.sum()) > self.count or (self.timed and self.durations_s(number)[0] > self.seconds + 1e-9)
 
     def fits(self, number: Int[np.ndarray, " cells"]) -> Bool[np.ndarray, " cells"]:
         """Cells in which one more position can be measured."""
-        times, cells, total = self.times, self.cells, int(number.sum())
-        free = self.allowed & (number < self.repeats) & (total + 1 <= self.count)
+        free = self.allowed & (number < self.repeats) & (number.sum() + 1 <= self.count)
         if not self.timed:
             return free
-        at, groups, sittings, soaks = used = self._used(number)
-        here = np.flatnonzero(sittings)
-        now = self._remounts(here)
-        rest = self.seconds - self._duration_s(total, used, now) - times.dwell_s - times.settle_s + 1e-9
-        if not total and self.present is None:
-            return free & (rest >= 0)
-        remounts = [
-            0 if count else self._remounts(np.union1d(here, [k])) - now for k, count in enumerate(sittings.tolist())
-        ]
-        more = (
-            times.turn_s * (at == 0)
-            + times.pitch_change_s * (groups == 0)[cells.group]
-            + times.remount_s * np.array(remounts)[self.sitting]
-            + times.temperature_change_s * (soaks == 0)[cells.soak]
-        )
-        return free & (more <= rest)
+        total, more = self.durations_s(number)
+        return free & (total + more <= self.seconds + 1e-9)
 
 
 def limits_of(
@@ -140,41 +109,42 @@ def limits_of(
 def most_visits(limits: Limits) -> tuple[int, int]:
     """The most visits of one pitch setting in a mounting, and of one mounting, that any order within the limits has: between
     two visits of a setting is at least one position in another one, and both changes take time."""
-    cells, times = limits.cells, limits.times
-    mounting, pitch = cells.mounting[limits.allowed], cells.pitch[limits.allowed]
+    times = limits.times
     dwell = times.dwell_s + times.settle_s
 
     def most(label: np.ndarray, change_s: float) -> int:
-        number = np.bincount(label)
+        number = limits.repeats * np.bincount(label[limits.allowed])
         if np.count_nonzero(number) == 1:
             return 1
-        total = min(limits.count, limits.repeats * number.sum())
+        total = min(limits.count, number.sum())
         if limits.timed:
             total = min(total, (limits.seconds + change_s) / (dwell + change_s) + 1e-9)
-        return max(1, int(min(limits.repeats * number.max(), (total + 1) // 2)))
+        return max(1, int(min(number.max(), (total + 1) // 2)))
 
-    both = np.unique(np.stack([mounting, pitch]), axis=1, return_inverse=True)[1].ravel()
-    return most(both, times.pitch_change_s), most(mounting, times.remount_s)
+    return most(limits.cells.setting, times.pitch_change_s), most(limits.cells.mounting, times.remount_s)
 
 
 def in_order(
-    cells: Cells, taken: Sequence[int] | np.ndarray, present: int | None = None
+    cells: Cells,
+    taken: Sequence[int] | np.ndarray,
+    present: int | None = None,
+    rng: np.random.Generator | None = None,
 ) -> Int[np.ndarray, " positions"]:
     """Cells in an order that visits each setting once: temperatures upwards, the fewest remounts, pitch settings there and
-    back, and within a pitch setting one turn of the spindle from its last angle on. The `present` cell comes first."""
-    taken, order = np.asarray(taken, int), list[int]()
-    angle = 0.0 if present is None else float(cells.alpha_deg[present])
-    sitting_of = list(zip(cells.soak.tolist(), cells.mounting.tolist(), strict=True))
-    used = {sitting_of[k] for k in taken} | (set() if present is None else {sitting_of[present]})
-    first = None if present is None else sitting_of[present]
+    back, and within a pitch setting one turn of the spindle from its last angle on; pitch settings and their positions in
+    random order with `rng`. The `present` cell comes first."""
+    taken, order, sitting_of = np.asarray(taken, int), list[int](), cells.sittings
+    angle, first = (0.0, None) if present is None else (float(cells.alpha_deg[present]), sitting_of[present])
+    used = {*(sitting_of[k] for k in taken), *([] if first is None else [first])}
     for number, sitting in enumerate(sittings_in_order(tuple(sorted(used)), first)[1]):
         here = taken[[sitting_of[k] == sitting for k in taken]]
         settings = np.unique(cells.pitch[here])[:: -1 if number % 2 else 1]
+        settings = settings if rng is None else rng.permutation(settings)
         if present is not None:
             settings = settings[np.argsort(settings != cells.pitch[present], kind="stable")]
         for pitch in settings:
             group = here[cells.pitch[here] == pitch]
-            turn = np.mod(cells.alpha_deg[group] - angle + 1e-9, 360.0)
+            turn = np.mod(cells.alpha_deg[group] - angle + 1e-9, 360.0) if rng is None else rng.random(len(group))
             order += group[np.argsort(turn, kind="stable")].tolist()
             angle = float(cells.alpha_deg[order[-1]])
     return np.array(order, int)
@@ -184,17 +154,17 @@ def in_order(
 def sittings_in_order(sittings: tuple[Sitting, ...], present: Sitting | None = None) -> tuple[int, tuple[Sitting, ...]]:
     """The fewest remounts of some sittings, and their order: temperatures upwards, that of the `present` one first (dynamic
     programming over the last mounting)."""
-    best: dict[int, tuple[int, tuple[Sitting, ...]]] = {} if present is None else {present[1]: (0, ())}
+    # The fewest remounts and the order, by the last mounting.
+    nothing: tuple[int, tuple[Sitting, ...]] = (0, ())
+    best = {mounting: nothing for _, mounting in ([present] if present else sittings)}
     for soak in sorted(
         {soak for soak, _ in sittings}, key=lambda one: (present is not None and one != present[0], one)
     ):
-        mounts, before = sorted(mounting for one, mounting in sittings if one == soak), best
-        ends = [(mounts[0], mounts[0])] if len(mounts) == 1 else list(permutations(mounts, 2))
-        best = {}
-        for first, last in ends:
-            middle = [mounting for mounting in mounts if mounting not in (first, last)]
-            here = tuple((soak, mounting) for mounting in dict.fromkeys((first, *middle, last)))
-            for mounting, (remounts, order) in before.items() or [(first, (0, ()))]:
-                found = remounts + (mounting != first) + len(mounts) - 1, (*order, *here)
-                best[last] = min(best.get(last, found), found)
-    return min(best.values()) if best else (0, ())
+        mounts, before, best = sorted(mounting for one, mounting in sittings if one == soak), best, {}
+        ends = permutations(mounts, 2) if len(mounts) > 1 else [(mounts[0], mounts[0])]
+        for (first, last), (from_mount, (remounts, order)) in product(ends, before.items()):
+            path = dict.fromkeys((first, *(mounting for mounting in mounts if mounting != last), last))
+            here = tuple((soak, mounting) for mounting in path)
+            found = remounts + (from_mount != first) + len(mounts) - 1, (*order, *here)
+            best[last] = min(best.get(last, found), found)
+    return min(best.values(), default=nothing)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.estimation.visits import visit_precision
+from tumblecal.plan.information import Information, covariance_of
 from tumblecal.plan.responses import Responses
 from tumblecal.plan.schedule import Schedule
 
@@ -25,28 +26,23 @@ _SHARE, _MEANINGLESS = 1e-3, 1e3
 
 
 @dataclass(frozen=True)
-class LinearModel:
-    """Positions and priors. Parameters: the shared ones, scaled as in `Responses`, then the errors of the settings.
+class LinearModel(Information):
+    """Positions and priors. Parameters: the shared ones, `names`, scaled as in `Responses`, then the errors of the settings.
 
-    Several lists of positions (n) have one model, of which `covariance` and what follows from it are not defined.
-
-    - `columns` (positions, 3, all): readings, in standard deviations of the white noise. `information`: before these positions.
-    - `free`: variance of the wide prior of each parameter, "no bound".
+    Several lists of positions (n) have one model, of which `covariance` and what follows from it are not defined. `free`:
+    variance of the wide prior of each parameter, "no bound".
     """
 
     names: tuple[str, ...]
-    columns: Float[np.ndarray, "*n positions 3 all"]
-    information: Float[np.ndarray, "*n all all"]
     free: Float[np.ndarray, " all"]
 
-    def information_with(self, positions: Sequence[int] | np.ndarray) -> Float[np.ndarray, "all all"]:
-        """Information after some positions; one that is listed twice is measured twice."""
-        rows = self.columns[np.asarray(positions, int)].reshape(-1, self.columns.shape[2])
-        return self.information + rows.T @ rows
+    def shared(self, information: Float[np.ndarray, "*n all all"]) -> Float[np.ndarray, "*n shared shared"]:
+        """Covariance of the shared parameters (scaled) for an information matrix, or for each of several."""
+        return covariance_of(information)[..., : len(self.names), : len(self.names)]
 
     def covariance(self, positions: Sequence[int] | np.ndarray) -> Float[np.ndarray, "shared shared"]:
         """Covariance of the shared parameters (scaled) after some positions."""
-        return shared_covariance(self.information_with(positions), len(self.names))
+        return self.shared(self.information_with(positions))
 
     def free_directions(self, covariance: Float[np.ndarray, "some some"]) -> Float[np.ndarray, "some directions"]:
         """Combinations of the first parameters, each over its free standard deviation, that their covariance does not bound."""
@@ -71,7 +67,7 @@ def linear_model(
     visits: Sequence[Int[np.ndarray, "*n positions"]],
     *,
     wide: float = SEARCHED,
-    most: tuple[int, int] = (1, 1),
+    most: Sequence[int] = (1, 1),
 ) -> LinearModel:
     """The model of positions in some cells, or of each of several lists of positions.
 
@@ -104,11 +100,13 @@ def linear_model(
             columns.append(unit[cells][..., component, None] * here)
             blocks.append(precision)
             free.append(np.full(count, unbounded**2))
-    ends = np.cumsum([block.shape[-1] for block in blocks])
-    information = np.zeros((*cells.shape[:-1], ends[-1], ends[-1]))
-    for block, end in zip(blocks, ends.tolist(), strict=True):
-        information[..., end - block.shape[-1] : end, end - block.shape[-1] : end] = block
-    return LinearModel(responses.names, np.concatenate(columns, axis=-1), information, np.concatenate(free))
+    whole, end = np.concatenate(columns, axis=-1), 0
+    information = np.zeros((*cells.shape[:-1], whole.shape[-1], whole.shape[-1]))
+    for block in blocks:
+        own = np.s_[end : end + block.shape[-1]]
+        information[..., own, own] = block
+        end = own.stop
+    return LinearModel(whole, information, responses.names, np.concatenate(free))
 
 
 def scheduled_model(responses: Responses, planned: Schedule, wide: float = EVALUATED) -> LinearModel:
@@ -117,7 +115,7 @@ def scheduled_model(responses: Responses, planned: Schedule, wide: float = EVALU
 
 
 def one_visit(
-    responses: Responses, measured: Sequence[int] | np.ndarray = (), *, most: tuple[int, int] | None = None
+    responses: Responses, measured: Sequence[int] | np.ndarray = (), *, most: Sequence[int] | None = None
 ) -> LinearModel:
     """The model in which a plan is searched: each combination of temperature, mounting and pitch setting is visited once.
 
@@ -131,27 +129,17 @@ def one_visit(
       included: a bound of every order. A change of the temperature sets nothing again, and the last visits are continued.
     """
     cells, kept = responses.cells, np.asarray(measured, int)
-    count, pitch, mount = len(cells), cells.group, cells.mounting
-    if most is not None:
-        pitch = np.unique(np.stack([cells.mounting, cells.pitch]), axis=1, return_inverse=True)[1].ravel()
-    elif len(set(cells.mounts)) > 1:
-        mount = np.unique(np.stack([cells.soak, cells.mounting]), axis=1, return_inverse=True)[1].ravel()
-    visits = [np.concatenate([planned, int(planned.max()) + 1 + planned[kept]]) for planned in (pitch, mount)]
-    for visit in visits if most is not None and len(kept) else ():
-        visit[:count][visit[:count] == visit[kept[-1]]] = visit[-1]
-    visits = [np.unique(visit, return_inverse=True)[1].ravel() for visit in visits]
+    count, several = len(cells), most is not None
+    again = cells.sitting if len(set(cells.mounts)) > 1 and not several else cells.mounting
+    visits = list[np.ndarray]()
+    for label in (cells.setting if several else cells.group, again):
+        visit = np.concatenate([label, int(label.max()) + 1 + label[kept]])
+        if several and len(kept):
+            visit[:count][label == label[kept[-1]]] = visit[-1]
+        visits.append(np.unique(visit, return_inverse=True)[1].ravel())
     both = linear_model(responses, np.concatenate([np.arange(count), kept]), visits, most=most or (1, 1))
     information = both.information_with(count + np.arange(len(kept)))
     return replace(both, columns=both.columns[:count], information=information)
-
-
-def shared_covariance(
-    information: Float[np.ndarray, "*n all all"], shared: int
-) -> Float[np.ndarray, "*n shared shared"]:
-    """Covariance of the first parameters, or of each of several; scaled to a unit diagonal for accuracy."""
-    size = 1 / np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
-    scale = size[..., :, None] * size[..., None, :]
-    return (scale * np.linalg.inv(information * scale))[..., :shared, :shared]
 
 
 def _largest(columns: Float[np.ndarray, "cells 3 parameters"]) -> Float[np.ndarray, " parameters"]:

@@ -11,7 +11,7 @@ from tumblecal.capture.capture_plan import CaptureSetup
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import json_text, read_json
-from tumblecal.ground.strict_toml import toml_lines, toml_table
+from tumblecal.ground.strict_toml import toml_lines
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.plan.design import DesignedPlan
 from tumblecal.plan.record import SCHEMA, PlanRecord
@@ -78,19 +78,16 @@ def capture_text(plan: DesignedPlan, name: str, folder: Path) -> str:
         suggested("capture", folder / name, "--out", run, "--port", "PORT"),
         suggested("reduce", run),
     ]
-    tables: dict[str, Mapping[str, Any]] = {
+    content = {
         "session": {"title": plan.rig.title, "mount": mount},
         "port": CaptureSetup().port.model_dump(include={"protocol"}),
         "dwell": {"seconds": float(times.dwell_s), "settle_s": float(times.settle_s)},
+        "positions": {
+            "mount_rotation_deg": None if rotation is None else list(map(float, rotation)),
+            "listed": [{**plan.positions[row], "mount": None} for row in rows],
+        },
     }
-    if rotation is not None:
-        tables["positions"] = {"mount_rotation_deg": list(map(float, rotation))}
-    lines = [*(f"# {comment}" for comment in comments), ""]
-    for table, values in tables.items():
-        lines += toml_table(table, values)
-    for row in rows:
-        lines += toml_table("[positions.listed]", {**plan.positions[row], "mount": None})
-    return "\n".join(lines)
+    return "\n".join([*(f"# {comment}" for comment in comments), "", *toml_lines(content)])
 
 
 def run_folder(plan_file: str) -> Path:
@@ -105,22 +102,23 @@ def rig_text(plan: DesignedPlan, content: Mapping[str, Any]) -> str:
 
     - `content`: of the rig file of the head.
     """
-    rig, chain_of_head, head = plan.rig, content.get("chain", {}), dict(content.get("head", {}))
-    leaves = {name: {"by": leaf.by, "free": leaf.free} for name, leaf in rig.leaves.items() if name in _SETTINGS}
-    stated = {name: {key: value for key, value in leaf.items() if value is not None} for name, leaf in leaves.items()}
-    priors = {name: text for name, text in content.get("priors", {}).items() if name not in _SETTINGS}
-    priors |= {name: f"{rig.priors[name][1]!r} rad" for name in _SETTINGS if name in rig.priors}
-    truth = {name: given for name, given in content.get("truth", {}).items() if name.partition("_")[0] not in _SETTINGS}
-    truth |= {name: {"value": list(rig.truth[name]), "unit": "rad"} for name in _SETTINGS if name in rig.truth}
+    rig, chain_of_head, times = plan.rig, content.get("chain", {}), plan.rig.plan.time_s or ()
+    leaves = {name: {"by": rig.leaves[name].by, "free": rig.leaves[name].free} for name in _SETTINGS}
+    priors = {name: f"{rig.priors[name][1]!r} rad" for name in _SETTINGS if name in rig.priors}
+    truth = {name: {"value": list(rig.truth[name]), "unit": "rad"} for name in _SETTINGS if name in rig.truth}
+    other_priors, other_truth = (
+        {name: given for name, given in content.get(table, {}).items() if name.partition("_")[0] not in _SETTINGS}
+        for table in ("priors", "truth")
+    )
+    head = dict(content.get("head", {}))
     if "repeatability" in head and rig.ability:
         spread = vars(rig.ability.repeatability)
         head["repeatability"] = {key: text for key, text in head["repeatability"].items() if spread[key] is not None}
-    times = rig.plan.time_s or ()
     new = dict(content) | {
         "plan": {"positions": [one | {"time_s": time} for one, time in zip(plan.positions, times, strict=True)]},
-        "chain": {**chain_of_head, "leaves": {**chain_of_head.get("leaves", {}), **stated}},
-        "priors": priors,
-        "truth": truth,
+        "chain": {**chain_of_head, "leaves": {**chain_of_head.get("leaves", {}), **leaves}},
+        "priors": other_priors | priors,
+        "truth": other_truth | truth,
         "head": head,
     }
     if rig.temperature.leaves:

@@ -10,12 +10,11 @@ from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.nominal import Leaf
-from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_temperature import RigTemperature
 from tumblecal.chain.where import VISITS
 from tumblecal.plan.cells import Cells
-from tumblecal.plan.linear_model import shared_covariance
+from tumblecal.plan.information import covariance_of
 from tumblecal.plan.responses import MOUNT, PITCH, Responses, Setting
 from tumblecal.plan.schedule import Schedule
 from tumblecal.plan.uncertainties import scheduled_information
@@ -38,22 +37,12 @@ def planned_rig(
     - `seed`: of the true errors of visits, which are drawn with the stated repeatability.
     """
     cells = responses.cells.chosen(schedule.cells)
-    degc = cells.temperature_degc
-    plan = Plan(
-        names,
-        tuple(cells.alpha_deg.tolist()),
-        tuple(cells.beta_deg.tolist()),
-        cells.mounts,
-        ("1",) * len(cells),
-        time_s=tuple(np.round(schedule.start_s + ability.times.dwell_s / 2, 3).tolist()),
-        temperature_degc=None if degc is None else tuple(degc.tolist()),
-    )
+    plan = cells.plan(names, np.round(schedule.start_s + ability.times.dwell_s / 2, 3))
     leaves, priors, spread = dict(rig.leaves), dict(rig.priors), ability.repeatability
-    no_bound = _open_directions(responses, schedule, ability)
-    for name, setting, visit in (
-        (PITCH, responses.pitch, schedule.pitch_visit),
-        (MOUNT, responses.mount, schedule.mount_visit),
-    ):
+    model, information = scheduled_information(responses, schedule, ability)
+    no_bound = model.free_directions(covariance_of(information)).shape[1] > 0
+    of_setting = {PITCH: (responses.pitch, schedule.pitch_visit), MOUNT: (responses.mount, schedule.mount_visit)}
+    for name, (setting, visit) in of_setting.items():
         leaves[name] = _leaf(name, setting, visit, cells)
         if setting.common == 0.0 and setting.again:
             # Every visit is independent; also if the leaf is fixed in the rig, but not set exactly again.
@@ -71,18 +60,12 @@ def planned_rig(
 def _leaf(name: str, setting: Setting, visit: Int[np.ndarray, " positions"], cells: Cells) -> Leaf:
     """How the errors of a setting are indexed, and whether they are fitted."""
     by_visit, of_mounts, of_one = _BY[name]
-    labels = [cells.mounting, cells.pitch] if name == PITCH else [cells.mounting]
-    repeated = visit.max() + 1 > len(np.unique(np.stack(labels), axis=1).T)
+    labels = cells.setting if name == PITCH else cells.mounting
+    repeated = visit.max() + 1 > len(np.unique(labels))
     same = setting.exact or (setting.common and not setting.again)
     if not same and (repeated or (setting.again and setting.common != 0.0)):
         return Leaf(by_visit)
     return Leaf(of_mounts if len(set(cells.mounts)) > 1 else of_one, free=not setting.exact)
-
-
-def _open_directions(responses: Responses, schedule: Schedule, ability: HeadAbility) -> bool:
-    """Whether the schedule leaves parameters or errors of visits undetermined."""
-    model, information = scheduled_information(responses, schedule, ability)
-    return bool(model.free_directions(shared_covariance(information, len(information))).shape[1])
 
 
 def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) -> dict[str, tuple[float, ...]]:
@@ -90,25 +73,26 @@ def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) 
     # The settings alone: the present plan need not have the temperatures that other leaves follow.
     mine = {name: values for name, values in rig.truth.items() if name.partition("_")[0] in _BY}
     alone = replace(rig, truth=mine, effects=(), temperature=RigTemperature())
-    there, known = rig.plan, {leaf.name: leaf for leaf in alone.true_chain(alone.where).parameters}
-    generator, plan, where = np.random.default_rng(seed), planned.plan, planned.where
-    truth = dict[str, tuple[float, ...]]()
+    known = {leaf.name: leaf for leaf in alone.true_chain(alone.where).parameters}
+    generator, where, truth = np.random.default_rng(seed), planned.where, dict[str, tuple[float, ...]]()
+
+    def keys(name: str, rig: Rig) -> list[tuple[float | str, ...]]:
+        plan = rig.plan
+        return list(zip(plan.mounts, plan.beta_deg, strict=True) if name == PITCH else zip(plan.mounts, strict=True))
+
     for leaf in planned.chain(where).parameters:
         if leaf.name not in _BY:
             continue
         stated, by = np.asarray(known[leaf.name].value, float), known[leaf.name].by
-        of_row = np.zeros(len(there), int) if by is None else rig.where.index(by)
-        group = np.zeros(len(plan), int) if leaf.by is None else np.asarray(where.index(leaf.by))
-        values = np.zeros(leaf.value.shape)
-        for number, k in enumerate(np.unique(group, return_index=True)[1].tolist()):
-            keys = [(there.mounts, plan.mounts[k])]
-            keys += [(there.beta_deg, plan.beta_deg[k])] if leaf.name == PITCH else []
-            rows = [row for row in range(len(there)) if all(column[row] == value for column, value in keys)]
-            if rows:
-                values[number] = stated[np.asarray(of_row)[rows[0]]]
+        rows = np.zeros(len(rig.plan), int) if by is None else np.asarray(rig.where.index(by))
+        value_of = dict(reversed(list(zip(keys(leaf.name, rig), stated[rows], strict=True))))
+        group = np.zeros(len(planned.plan), int) if leaf.by is None else np.asarray(where.index(leaf.by))
+        first, nothing = np.unique(group, return_index=True)[1].tolist(), np.zeros(leaf.value.shape[1:])
+        listed = keys(leaf.name, planned)
+        values = np.array([value_of.get(listed[k], nothing) for k in first]).reshape(leaf.value.shape)
         setting = responses.pitch if leaf.name == PITCH else responses.mount
         if leaf.by in VISITS and setting.again:
-            values += setting.again * setting.scale * generator.standard_normal(values.shape)
+            values = values + setting.again * setting.scale * generator.standard_normal(values.shape)
         if np.any(values):
             truth[leaf.name] = tuple(values.ravel().tolist())
     return truth

@@ -8,7 +8,7 @@ from tumblecal.chain.rig import Rig
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import checked, read_toml
-from tumblecal.plan.common_plans import Positions
+from tumblecal.plan.cells import Cells, Positions
 
 
 def require_mounts(rig: Rig, labels: tuple[str, ...], named: str) -> None:
@@ -44,7 +44,6 @@ def positions_of(path: Path, rig: Rig) -> Positions:
         rows = ((step.alpha_deg, step.beta_deg, captured.session.mount) for step in captured.steps)
         listed = [step.temperature_degc for step in captured.steps if step.temperature_degc is not None]
         degc = listed if captured.over_temperature else None
-    alpha, beta, mounts = zip(*rows, strict=True)
-    require_mounts(rig, mounts, str(path))
-    stated = None if degc is None else tuple(map(float, degc))
-    return Positions(path.name, "", (*map(float, alpha),), (*map(float, beta),), mounts, temperature_degc=stated)
+    cells = Cells.listed(list(rows), degc)
+    require_mounts(rig, cells.mounts, str(path))
+    return Positions(path.name, "", cells)

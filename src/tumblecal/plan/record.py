@@ -6,7 +6,7 @@ from pydantic import BeforeValidator
 
 from tumblecal.ground.record import Count, ResultRecord, TextOrNull, at, by_name
 from tumblecal.plan.candidates import InUse, Worst
-from tumblecal.plan.forecast.naming import Alias, EffectForecast, Limit
+from tumblecal.plan.forecast.record import Alias, EffectForecast, Limit
 from tumblecal.plan.search import TradeOff
 
 
@@ -96,11 +96,11 @@ class PlanRecord(ResultRecord):
     seed: int = at("wanted.seed")
     parameters: dict[str, ParameterRecord]
     in_use_g: InUse = at("after.in_use_g")
-    criterion: CriterionRecord = at("result")
+    criterion: CriterionRecord = at("found")
     effects: list[EffectForecast] = at("after.effects")
     forecast: ForecastRecord | None
     before: EvaluatedRecord
     practice: list[EvaluatedRecord]
-    trade_off: list[TradeOff] = at("traded")
+    trade_off: list[TradeOff] = at("found.traded")
     assumptions: list[Annotated[AssumptionRecord, by_name(("words", "override"))]]
     words: list[str]

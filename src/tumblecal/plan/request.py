@@ -2,16 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from tumblecal.chain.head_ability import Times
-from tumblecal.chain.rig import Rig
 from tumblecal.ground.errors import InputError
-from tumblecal.plan.common_plans import Positions
+from tumblecal.plan.cells import Positions
+from tumblecal.plan.order import Kind
 from tumblecal.plan.responses import Responses
 
 
-Order = Literal["keep", "random", "best"]
 # Criteria of the covariance, and further ones.
 COVARIANCE = ("worst", "mean", "volume", "in_use", "in_use_largest")
 CRITERIA = (*COVARIANCE, "naming", "alias")
@@ -38,7 +36,7 @@ class Wanted:
     criteria: Mapping[str, float] = field(default_factory=lambda: {"worst": 1.0})
     parameters: tuple[str, ...] = ()
     effects: Mapping[str, float] = field(default_factory=dict)
-    order: Order = "best"
+    order: Kind = "best"
     restarts: int = 4
     seed: int = 0
     measured: Positions | None = None
@@ -67,17 +65,10 @@ class Wanted:
 
         **Raises:** `InputError` for one that the rig does not have.
         """
-        names = list[str]()
+        names = dict[str, None]()
         for wanted in self.parameters:
             of_leaf = [name for name in responses.names if name == wanted or name.startswith(f"{wanted}_")]
             if not of_leaf:
                 raise InputError(f"--parameters {wanted}: no such parameter; parameters: {', '.join(responses.names)}")
-            names += of_leaf
-        return tuple(dict.fromkeys(names)) or None
-
-
-def rig_positions(rig: Rig) -> Positions:
-    """The plan of a rig file."""
-    plan = rig.plan
-    degc = plan.temperature_degc
-    return Positions("plan of the rig file", "", plan.alpha_deg, plan.beta_deg, plan.mounts, temperature_degc=degc)
+            names |= dict.fromkeys(of_leaf)
+        return tuple(names) or None

@@ -87,7 +87,7 @@ def responses_of(rig: Rig, cells: Cells) -> Responses:
     free = {name: leaves.get(name, Leaf()).free for name in (PITCH, MOUNT)}
     leaves |= {PITCH: Leaf("pitch", free=True), MOUNT: Leaf("mount", free=True)}
     chain = replace(rig, leaves=leaves).chain(cells.where)
-    problem = Problem.from_arrays(chain, cells.where, np.asarray(chain(cells.where)), noise_sd=1.0)
+    problem = Problem.from_arrays(chain, cells.where, np.zeros((len(cells), 3)), noise_sd=1.0)
     jacobian = np.asarray(linearised(problem, chain.vector)[1]).reshape(len(cells), 3, -1)
     settings, shared, offset = dict[str, tuple[np.ndarray, float]](), list[int](), 0
     for leaf in chain.free:

@@ -1,5 +1,6 @@
 """When the positions of a plan are measured, and how often pitch setting and mounting are set again."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,52 +34,25 @@ class Schedule:
         return float(self.end_s) / 60
 
 
-def moves(
-    cells: Cells, first: Int[np.ndarray, "*n"], then: Int[np.ndarray, "*n"], times: Times
-) -> Float[np.ndarray, "*n"]:
-    """Times from the end of a dwell in one cell to the start of a dwell in another, s; settling included."""
-    remount = cells.mounting[first] != cells.mounting[then]
-    pitch = remount | (cells.pitch[first] != cells.pitch[then])
-    turn = cells.alpha_deg[first] != cells.alpha_deg[then]
-    heat = cells.soak[first] != cells.soak[then]
-    return (
-        times.settle_s
-        + times.turn_s * turn
-        + times.pitch_change_s * pitch
-        + times.remount_s * remount
-        + times.temperature_change_s * heat
-    )
-
-
 def schedule(
-    cells: Cells, order: Int[np.ndarray, "*n positions"], times: Times, measured: Schedule | None = None
+    cells: Cells, order: Int[np.ndarray, "*n positions"], times: Times, measured: Sequence[int] | np.ndarray = ()
 ) -> Schedule:
-    """The schedule of some cells in this order, or in each of several.
+    """The schedule of some cells in this order, or in each of several, after those that are `measured` already.
 
-    The first position has its mounting, pitch setting and temperature already, or follows the last one that is `measured`.
+    The first position has its mounting, pitch setting and temperature already.
     """
     order = np.asarray(order, int)
-    before = np.broadcast_to(order[..., :1] if measured is None else measured.cells[-1], (*order.shape[:-1], 1))
-    path = order if measured is None else np.concatenate([before, order], axis=-1)
-    between = moves(cells, path[..., :-1], path[..., 1:], times)
-    start = np.concatenate([np.zeros(before.shape), np.cumsum(times.dwell_s + between, axis=-1)], axis=-1)
-    remounted = np.diff(cells.mounting[path]) != 0
-    changed = remounted | (np.diff(cells.pitch[path]) != 0)
-    numbers = [
-        np.concatenate([np.zeros(before.shape, int), np.cumsum(change, axis=-1)], axis=-1)
-        for change in (changed, remounted)
-    ]
-    if measured is None:
-        start = start + times.settle_s
-        return Schedule(order, start, start[..., -1] + times.dwell_s, *numbers)
-    start = start + measured.end_s - times.dwell_s
-    joined, starts, *visits = [
-        np.concatenate([np.broadcast_to(known, (*order.shape[:-1], len(measured))), new[..., 1:]], axis=-1)
-        for known, new in (
-            (measured.cells, path),
-            (measured.start_s, start),
-            (measured.pitch_visit, measured.pitch_visit[-1] + numbers[0]),
-            (measured.mount_visit, measured.mount_visit[-1] + numbers[1]),
-        )
-    ]
-    return Schedule(joined, starts, start[..., -1] + times.dwell_s, visits[0], visits[1])
+    known = np.broadcast_to(np.asarray(measured, int), (*order.shape[:-1], len(measured)))
+    path = np.concatenate([known, order], axis=-1)
+    turned, tilted, remounted, heated = (
+        np.diff(label[path]) != 0 for label in (cells.alpha_deg, cells.pitch, cells.mounting, cells.soak)
+    )
+    changed = remounted | tilted
+    between = times.turn_s * turned + times.pitch_change_s * changed + times.remount_s * remounted
+    step = float(times.dwell_s + times.settle_s) + between + times.temperature_change_s * heated
+    zero = np.zeros((*path.shape[:-1], 1))
+    start, pitch, mount = (
+        np.concatenate([zero, np.cumsum(each, axis=-1)], axis=-1) for each in (step, changed, remounted)
+    )
+    start += times.settle_s
+    return Schedule(path, start, start[..., -1] + times.dwell_s, pitch.astype(int), mount.astype(int))

@@ -1,31 +1,32 @@
 """The search of a plan: criteria, the choice of positions, their order, bounds, and the trade-off against time."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
 
 from tumblecal.chain.rig import Rig
 from tumblecal.effects.catalogue import Catalogue
+from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import faults_of
 from tumblecal.plan.bounds import Bounds, best_plan
 from tumblecal.plan.candidates import Candidates
+from tumblecal.plan.cells import Cells
 from tumblecal.plan.criterion import Combine, Criterion, in_use, of_parameters, weighted
-from tumblecal.plan.effect_criteria import EffectsOfCells, alias_term, naming_term
 from tumblecal.plan.exchange import Chosen, exchange
 from tumblecal.plan.limits import Limits, limits_of, most_visits
 from tumblecal.plan.linear_model import LinearModel, one_visit
 from tumblecal.plan.order import Ordered, best_order
 from tumblecal.plan.request import COVARIANCE, Wanted
 from tumblecal.plan.responses import Responses
-from tumblecal.plan.schedule import schedule
 from tumblecal.plan.set_value import Term
 
 
 # Numbers of positions, or minutes, of further plans of the trade-off, relative to those of the plan.
 _TRADED = (0.5, 0.7, 1.4, 2.0, 3.0)
+# The numbers of these criteria.
+_COMBINED: dict[str, Combine] = {"worst": "largest", "mean": "mean", "volume": "volume"}
 
 
 @dataclass(frozen=True)
@@ -38,123 +39,151 @@ class TradeOff:
 
 
 @dataclass(frozen=True)
-class Search:
-    """A search among the positions of a head.
+class Found:
+    """A plan that was searched.
 
-    - `responses`, `model`: of the cells of the head and of those measured already, the first ones of the candidates.
-    - `terms`: of all criteria, for the choice. `criterion`: of the covariance, for order, bounds and comparison.
+    - `criterion`: of the covariance. `ordered`: the positions, those measured already first.
+    - `bounds`: None if the positions are chosen by other criteria too. `traded`: the trade-off, by increasing time.
     """
 
-    candidates: Candidates
-    wanted: Wanted
-    responses: Responses
-    model: LinearModel
-    terms: tuple[Term, ...]
     criterion: Criterion
-
-    def best(self) -> tuple[Int[np.ndarray, " new"], Bounds | None]:
-        """The new positions of the wanted plan; bounds of the criterion, or None if the positions are chosen by other criteria
-        too."""
-        wanted, done = self.wanted, self.candidates.done
-        if set(wanted.criteria) - {*COVARIANCE}:
-            return self.chosen(wanted.count, wanted.minutes, wanted.restarts).cells, None
-        limits = self._limits(wanted.count, wanted.minutes)
-        measured = 0 if done is None else 1 + int(done.pitch_visit[-1])
-        pitch, mount = most_visits(limits)
-        several = one_visit(self.responses, self.candidates.measured, most=(pitch + measured, mount + measured))
-        found = best_plan(
-            self.model, self.criterion, limits, restarts=wanted.restarts, seed=wanted.seed, several=several
-        )
-        return found[0].cells, found[1]
-
-    def chosen(self, count: int | None, minutes: float | None, restarts: int) -> Chosen:
-        """Good new positions and their value."""
-        return exchange(self._limits(count, minutes), self.terms, restarts=restarts, seed=self.wanted.seed)
-
-    def _limits(self, count: int | None, minutes: float | None) -> Limits:
-        """The limits of a plan; cells are measured again only if there are too few.
-
-        **Raises:** `InputError` if no position fits.
-        """
-        ability, cells, measured = self.candidates.ability, self.responses.cells, self.candidates.measured
-        most = np.inf if minutes is None else 60 * minutes / (ability.times.dwell_s + ability.times.settle_s)
-        most = most if count is None else min(most, count)
-        return limits_of(
-            cells,
-            ability,
-            count=count,
-            minutes=minutes,
-            allowed=np.arange(len(cells)) < self.candidates.of_head,
-            repeats=max(1, int(np.ceil(most / self.candidates.of_head))),
-            present=int(measured[-1]) if len(measured) else None,
-        )
-
-    def ordered(self, taken: Int[np.ndarray, " new"]) -> Ordered:
-        """New positions in the wanted order, after those measured already."""
-        wanted, candidates, done = self.wanted, self.candidates, self.candidates.done
-        return best_order(
-            candidates.responses,
-            candidates.ability,
-            self.criterion,
-            taken,
-            minutes=None if wanted.minutes is None else wanted.minutes + (0.0 if done is None else done.minutes),
-            seed=wanted.seed,
-            kind=wanted.order,
-            after=done,
-        )
-
-    def traded(self, count: int) -> Iterator[TradeOff]:
-        """Plans for other numbers of positions, or other times; `count`: number of the plan."""
-        for share in _TRADED:
-            minutes = None if self.wanted.minutes is None else share * self.wanted.minutes
-            try:
-                taken = self.chosen(round(share * count) if minutes is None else None, minutes, 1).cells
-            except InputError:
-                continue
-            if not self.model.undetermined(taken):
-                value = float(self.criterion.of(self.model.covariance(taken)))
-                planned = schedule(self.responses.cells, taken, self.candidates.ability.times)
-                yield TradeOff(len(taken), planned.minutes, value)
+    ordered: Ordered
+    bounds: Bounds | None
+    traded: tuple[TradeOff, ...]
 
 
-def search_of(rig: Rig, candidates: Candidates, wanted: Wanted, entries: Catalogue) -> Search:
-    """The search of a wanted plan; of several criteria each is relative to its own optimum.
+def searched(rig: Rig, candidates: Candidates, wanted: Wanted, entries: Catalogue) -> Found:
+    """The wanted plan among the positions of a head.
 
-    **Raises:** `InputError` for a parameter or an effect that no plan on this head determines.
+    **Raises:** `InputError` for a parameter or an effect that no plan on this head determines, and for limits that are too
+    tight or contradict each other.
     """
-    measured = candidates.measured
+    measured, ability = candidates.measured, candidates.ability
     responses = candidates.responses.chosen(np.arange(max(candidates.of_head, 1 + int(measured.max(initial=-1)))))
-    model, parameters = one_visit(responses, measured), wanted.parameters_of(responses)
+    model, limits = one_visit(responses, measured), _limits(candidates, responses.cells, wanted.count, wanted.minutes)
+    terms, criterion = _criteria(rig, candidates, responses, model, limits, wanted, entries)
+    if {*wanted.criteria} <= {*COVARIANCE}:
+        most = tuple(now + number for now, number in zip(most_visits(limits), _visits(candidates), strict=True))
+        several = one_visit(responses, measured, most=most)
+        chosen, bounds = best_plan(
+            model, criterion, limits, restarts=wanted.restarts, seed=wanted.seed, several=several
+        )
+    else:
+        chosen, bounds = exchange(limits, terms, restarts=wanted.restarts, seed=wanted.seed), None
+    _require_determined(rig, model, wanted, chosen)
+    before = candidates.minutes_measured
+    minutes = None if wanted.minutes is None else wanted.minutes + before
+    settings = {"minutes": minutes, "seed": wanted.seed, "kind": wanted.order, "measured": measured}
+    ordered = best_order(candidates.responses, ability, criterion, chosen.cells, **settings)
+    here = TradeOff(len(chosen.cells), ordered.schedule.minutes - before, ordered.drift_known)
+    traded = [here, *_traded(candidates, model, terms, criterion, wanted, limits.cells, chosen)]
+    return Found(criterion, ordered, bounds, tuple(sorted(traded, key=lambda each: each.minutes)))
+
+
+def _visits(candidates: Candidates) -> tuple[int, int]:
+    """Number of visits of pitch settings, and of mountings, that are measured already."""
+    if not len(candidates.measured):
+        return 0, 0
+    done = candidates.scheduled(candidates.measured)
+    return 1 + int(done.pitch_visit[-1]), 1 + int(done.mount_visit[-1])
+
+
+def _limits(candidates: Candidates, cells: Cells, count: int | None, minutes: float | None) -> Limits:
+    """The limits of a plan; cells are measured again only if there are too few.
+
+    **Raises:** `InputError` if no position fits.
+    """
+    ability, measured = candidates.ability, candidates.measured
+    most = np.inf if minutes is None else 60 * minutes / (ability.times.dwell_s + ability.times.settle_s)
+    most = most if count is None else min(most, count)
+    return limits_of(
+        cells,
+        ability,
+        count=count,
+        minutes=minutes,
+        allowed=np.arange(len(cells)) < candidates.of_head,
+        repeats=max(1, int(np.ceil(most / candidates.of_head))),
+        present=int(measured[-1]) if len(measured) else None,
+    )
+
+
+def _criteria(
+    rig: Rig,
+    candidates: Candidates,
+    responses: Responses,
+    model: LinearModel,
+    limits: Limits,
+    wanted: Wanted,
+    entries: Catalogue,
+) -> tuple[list[Term], Criterion]:
+    """Terms of all criteria, for the choice, and the criterion of the covariance, for order, bounds and comparison; of several
+    criteria each is relative to its own optimum."""
+    of_covariance, parameters = dict[str, Criterion](), wanted.parameters_of(responses)
     with faults_of(rig.source):
-        criteria = {
-            name: _criterion(name, candidates, responses, parameters) for name in wanted.criteria if name in COVARIANCE
-        }
-    terms = {name: Term(((model, one),)) for name, one in criteria.items()}
-    effects = EffectsOfCells(rig, responses, measured, entries, wanted.minutes or 60.0)
-    if "naming" in wanted.criteria:
-        terms["naming"] = naming_term(effects, wanted.effects)
-    if "alias" in wanted.criteria:
-        terms["alias"] = alias_term(effects, wanted.effects)
-    first = next(iter(criteria.values()), None) or of_parameters("largest", responses, parameters)
-    search = Search(candidates, wanted, responses, model, tuple(terms.values()), first)
+        for name in wanted.criteria:
+            if name in _COMBINED:
+                of_covariance[name] = of_parameters(_COMBINED[name], responses, parameters)
+            elif name in COVARIANCE:
+                of_covariance[name] = in_use(candidates.use, "mean" if name == "in_use" else "largest")
+    terms = {name: Term(((model, one),)) for name, one in of_covariance.items()}
+    if {"naming", "alias"} & {*wanted.criteria}:
+        from tumblecal.plan.effect_criteria import EffectsOfCells, alias_term, naming_term
+
+        effects = EffectsOfCells(rig, responses, candidates.measured, entries, wanted.minutes or 60.0)
+        for name, term_of in (("naming", naming_term), ("alias", alias_term)):
+            terms |= {name: term_of(effects, wanted.effects)} if name in wanted.criteria else {}
+    first = next(iter(of_covariance.values()), None) or of_parameters("largest", responses, parameters)
     if len(terms) == 1:
-        return search
-    shares: Mapping[str, float] = {
-        name: wanted.criteria[name] / replace(search, terms=(term,)).chosen(wanted.count, wanted.minutes, 1).value
+        return list(terms.values()), first
+    share = {
+        name: wanted.criteria[name] / exchange(limits, [term], restarts=1, seed=wanted.seed).value
         for name, term in terms.items()
     }
-    whole = sum(wanted.criteria[name] for name in criteria) or 1.0
-    if len(criteria) > 1:
-        first = weighted(list(criteria.values()), [shares[name] / whole for name in criteria])
-    every = tuple(Term(term.criteria, shares[name]) for name, term in terms.items())
-    return replace(search, terms=every if len(criteria) < len(terms) else (Term(((model, first),)),), criterion=first)
+    if len(of_covariance) > 1:
+        whole = sum(wanted.criteria[name] for name in of_covariance)
+        first = weighted(list(of_covariance.values()), [share[name] / whole for name in of_covariance])
+    if len(of_covariance) == len(terms):
+        return [Term(((model, first),))], first
+    return [Term(term.criteria, share[name]) for name, term in terms.items()], first
 
 
-def _criterion(
-    name: str, candidates: Candidates, responses: Responses, parameters: tuple[str, ...] | None
-) -> Criterion:
-    """A criterion of the covariance by its name."""
-    if name.startswith("in_use"):
-        return in_use(candidates.use, "mean" if name == "in_use" else "largest")
-    combine: dict[str, Combine] = {"worst": "largest", "mean": "mean", "volume": "volume"}
-    return of_parameters(combine[name], responses, parameters)
+def _require_determined(rig: Rig, model: LinearModel, wanted: Wanted, chosen: Chosen) -> None:
+    """Reject a plan with fewer positions than wanted, and one that does not determine parameters which more positions would."""
+    positions, minutes, count = wanted.positions, wanted.minutes, len(chosen.cells)
+    if positions is not None and minutes is not None and count < positions:
+        raise InputError(
+            f"{rig.source}: --positions {positions} and --minutes {minutes:g} contradict each other: at most {count} "
+            "positions fit; allow more time, or give one of the two"
+        )
+    hopeless = model.undetermined()
+    missing = [name for name in model.undetermined(chosen.cells) if name not in hopeless]
+    if missing:
+        limit = "--minutes" if positions is None else "--positions"
+        limit += ", or more --parameters" if wanted.parameters else ""
+        raise InputError(
+            f"{rig.source}: {counted(count, 'position')} cannot determine {shortened(missing, 9)} "
+            f"({len(model.names)} parameters and the errors of the settings); give a larger {limit}"
+        )
+
+
+def _traded(
+    candidates: Candidates,
+    model: LinearModel,
+    terms: Sequence[Term],
+    criterion: Criterion,
+    wanted: Wanted,
+    cells: Cells,
+    chosen: Chosen,
+) -> Iterator[TradeOff]:
+    """Plans for other numbers of positions, or other times, improved from the plan."""
+    for share in _TRADED:
+        minutes = None if wanted.minutes is None else share * wanted.minutes
+        try:
+            count = round(share * len(chosen.cells)) if minutes is None else None
+            limits = _limits(candidates, cells, count, minutes)
+            taken = exchange(limits, terms, restarts=0, seed=wanted.seed, starts=[chosen.cells]).cells
+        except InputError:
+            continue
+        if not model.undetermined(taken):
+            value = float(criterion.of(model.covariance(taken)))
+            yield TradeOff(len(taken), candidates.scheduled(taken).minutes, value)

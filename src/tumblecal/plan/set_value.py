@@ -4,16 +4,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from tumblecal.plan.criterion import Criterion
-from tumblecal.plan.linear_model import LinearModel, shared_covariance
+from tumblecal.plan.information import covariance_of
+from tumblecal.plan.linear_model import LinearModel
 
 
-# Covariances are computed from the information again after so many updates of rank three, and whenever a position
-# determines a direction alone to this degree: an update would lose the digits.
-_RENEWED = 40
-_ALONE = 1e-3
+# Least variance of a reading that a position adds or takes away, of its variance before.
+_FLOOR = 1e-12
 
 
 class Term(NamedTuple):
@@ -31,33 +30,36 @@ class SetValue:
 
     def __init__(self, terms: Sequence[Term], cells: Sequence[int] | np.ndarray = ()) -> None:
         self.cells = [int(cell) for cell in cells]
-        self._terms = [
-            ([(_Updated(model, self.cells), criterion) for model, criterion in term.criteria], term.weight)
-            for term in terms
-        ]
+        self._parts = [part for term in terms for part in term.criteria]
+        self._first = np.cumsum([0, *(len(term.criteria) for term in terms[:-1])])
+        self._weights = np.array([term.weight for term in terms])
+        self._settle([model.information_with(self.cells) for model, _ in self._parts])
 
-    @property
-    def value(self) -> float:
-        """Value of the positions so far."""
-        return sum(
-            weight * max(float(criterion.of(one.shared)) for one, criterion in term) for term, weight in self._terms
-        )
+    def _settle(self, information: list[Float[np.ndarray, "all all"]]) -> None:
+        self._information, self._covariances = information, [covariance_of(one) for one in information]
+        pairs = zip(self._parts, self._covariances, strict=True)
+        self.value = float(self._total([criterion.of(_shared(model, own)) for (model, criterion), own in pairs]))
 
-    def if_added(self) -> Float[np.ndarray, " cells"]:
-        """Values after one more position, for each cell."""
-        return self._changed(None, 1)
+    def _total(self, values: Sequence[Float[np.ndarray, "*n"]]) -> Float[np.ndarray, "*n"]:
+        """The weighted sum of the largest value of each term."""
+        return self._weights @ np.maximum.reduceat(np.array(values), self._first, axis=0)
+
+    def if_added(self, cells: Int[np.ndarray, " some"]) -> Float[np.ndarray, " some"]:
+        """Values after one more position in each of some cells."""
+        return self._changed(cells, 1)
 
     def if_removed(self) -> Float[np.ndarray, " positions"]:
         """Values without each of the positions."""
-        return self._changed(np.asarray(self.cells, int), -1)
+        return self._changed(np.array(self.cells, int), -1)
 
-    def _changed(self, cells: np.ndarray | None, sign: int) -> np.ndarray:
-        parts = [
-            weight
-            * np.max([criterion.changed(one.shared, one.change(cells, sign), -sign) for one, criterion in term], 0)
-            for term, weight in self._terms
-        ]
-        return np.sum(parts, axis=0)
+    def _changed(self, cells: Int[np.ndarray, " some"], sign: int) -> Float[np.ndarray, " some"]:
+        pairs = zip(self._parts, self._covariances, strict=True)
+        return self._total(
+            [
+                criterion.changed(_shared(model, own), _change(model, own, cells, sign), -sign)
+                for (model, criterion), own in pairs
+            ]
+        )
 
     def add(self, cell: int) -> None:
         """Add a position."""
@@ -70,60 +72,28 @@ class SetValue:
         self._update(cell, -1)
 
     def _update(self, cell: int, sign: int) -> None:
-        for term, _ in self._terms:
-            for one, _ in term:
-                one.update(cell, sign)
+        rows = [model.columns[cell] for model, _ in self._parts]
+        self._settle([one + sign * own.T @ own for one, own in zip(self._information, rows, strict=True)])
 
 
-class _Updated:
-    """The covariance of a model by updates of rank three (Woodbury)."""
+def _shared(model: LinearModel, covariance: Float[np.ndarray, "all all"]) -> Float[np.ndarray, "shared shared"]:
+    return covariance[: len(model.names), : len(model.names)]
 
-    def __init__(self, model: LinearModel, cells: Sequence[int]) -> None:
-        self._columns, self._count = model.columns, len(model.names)
-        self._flat = np.ascontiguousarray(model.columns.reshape(-1, model.columns.shape[2]).T)
-        self._information = model.information_with(cells)
-        self._renew()
 
-    @property
-    def shared(self) -> Float[np.ndarray, "shared shared"]:
-        """Covariance of the shared parameters."""
-        return self._covariance[: self._count, : self._count]
-
-    def change(self, cells: np.ndarray | None, sign: int) -> Float[np.ndarray, "positions 3 shared"]:
-        """Parts of the change of the covariance by a position more (1) or less (-1) in each cell: L^-1 U with
-        L L' = 1 + sign times its prediction."""
-        every = slice(None) if cells is None else cells
-        inner, to_shared, floor = sign * self._inner[every], self._to_shared[every], 1e-12
-        first = np.sqrt(np.maximum(1 + inner[:, 0, 0], floor))
-        low, lower = inner[:, 1, 0] / first, inner[:, 2, 0] / first
-        second = np.sqrt(np.maximum(1 + inner[:, 1, 1] - low**2, floor))
-        lowest = (inner[:, 2, 1] - low * lower) / second
-        third = np.sqrt(np.maximum(1 + inner[:, 2, 2] - lower**2 - lowest**2, floor))
-        one = to_shared[:, 0] / first[:, None]
-        two = (to_shared[:, 1] - low[:, None] * one) / second[:, None]
-        three = (to_shared[:, 2] - lower[:, None] * one - lowest[:, None] * two) / third[:, None]
-        return np.stack([one, two, three], axis=1)
-
-    def update(self, cell: int, sign: int) -> None:
-        """Add (1) or remove (-1) a position."""
-        rows = self._columns[cell]
-        self._information = self._information + sign * rows.T @ rows
-        middle = np.eye(3) + sign * self._inner[cell]
-        self._age += 1
-        if self._age > _RENEWED or (sign < 0 and np.linalg.eigvalsh(middle)[0] < _ALONE):
-            self._renew()
-            return
-        half = np.linalg.solve(np.linalg.cholesky(middle), rows @ self._covariance)
-        self._covariance = self._covariance - sign * half.T @ half
-        across = self._flat.T @ half.T
-        self._to_shared -= sign * (across @ half[:, : self._count]).reshape(self._to_shared.shape)
-        across = across.reshape(-1, 3, 3)
-        self._inner -= sign * across @ across.swapaxes(1, 2)
-
-    def _renew(self) -> None:
-        """Everything from the information."""
-        self._age = 0
-        self._covariance = shared_covariance(self._information, len(self._information))
-        through = (self._flat.T @ self._covariance).reshape(self._columns.shape)
-        self._inner = through @ self._columns.swapaxes(1, 2)
-        self._to_shared = through[:, :, : self._count].copy()
+def _change(
+    model: LinearModel, covariance: Float[np.ndarray, "all all"], cells: Int[np.ndarray, " some"], sign: int
+) -> Float[np.ndarray, "some 3 shared"]:
+    """Parts of the change of the covariance by a position more (1) or less (-1) in each cell: L^-1 U with L L' = 1 + sign times
+    its prediction, U the covariance of its readings with the shared parameters."""
+    rows = model.columns[cells]
+    across = (rows.reshape(-1, rows.shape[2]) @ covariance).reshape(rows.shape)
+    inner, across = sign * across @ rows.swapaxes(1, 2), across[:, :, : len(model.names)]
+    first = np.sqrt(np.maximum(1 + inner[:, 0, 0], _FLOOR))
+    low, lower = inner[:, 1, 0] / first, inner[:, 2, 0] / first
+    second = np.sqrt(np.maximum(1 + inner[:, 1, 1] - low**2, _FLOOR))
+    lowest = (inner[:, 2, 1] - low * lower) / second
+    third = np.sqrt(np.maximum(1 + inner[:, 2, 2] - lower**2 - lowest**2, _FLOOR))
+    one = across[:, 0] / first[:, None]
+    two = (across[:, 1] - low[:, None] * one) / second[:, None]
+    three = (across[:, 2] - lower[:, None] * one - lowest[:, None] * two) / third[:, None]
+    return np.stack([one, two, three], axis=1)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.noise.of_head import slow_covariance
-from tumblecal.plan.linear_model import LinearModel, scheduled_model, shared_covariance
+from tumblecal.plan.linear_model import LinearModel, scheduled_model
 from tumblecal.plan.responses import Responses
 from tumblecal.plan.schedule import Schedule
 
@@ -34,7 +34,7 @@ class Uncertainties:
 def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility) -> Uncertainties:
     """The standard uncertainties that an exact fit of a schedule states, settings set again and slow noise included."""
     model, information = scheduled_information(responses, schedule, ability)
-    covariance = shared_covariance(information, len(model.names))
+    covariance = model.shared(information)
     lost = np.isin(model.names, model.unbounded(covariance))
     sd = np.where(lost, np.inf, np.sqrt(np.diag(covariance)) * responses.scales)
     return Uncertainties(responses.names, responses.scales, sd, covariance)
@@ -50,11 +50,11 @@ def scheduled_information(
 
 
 def information_of(
-    model: LinearModel, slow: Float[np.ndarray, "*n positions positions"] | None
+    model: LinearModel, slow: Float[np.ndarray, "*n positions positions"] | None = None
 ) -> Float[np.ndarray, "*n all all"]:
     """Information after all positions of a model, or of each of several lists of positions.
 
-    **Arguments:** `slow`: covariance of the means on each axis in addition to white noise of one; None: none.
+    **Arguments:** `slow`: covariance of the means on each axis in addition to white noise of one; omitted: none.
     """
     rows = weighted = model.columns
     *lead, count, _, parameters = rows.shape
@@ -71,4 +71,4 @@ def in_use_sd(use: Responses, covariance: Float[np.ndarray, "shared shared"]) ->
 
     - `use`: responses of the attitudes in which the sensor is used. `covariance`: of the scaled shared parameters.
     """
-    return np.sqrt(np.einsum("cai,ij,caj->ca", use.columns, covariance, use.columns))
+    return np.sqrt(np.vecdot(use.columns @ covariance, use.columns))

@@ -8,10 +8,10 @@ from tumblecal.diagnosis.causes.cause import label_words
 from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_lines
-from tumblecal.planning.next_capture import NextCapture, next_captures, next_commands, setup_of
-from tumblecal.planning.next_plan import SEPARATE, NextPlan
-from tumblecal.planning.promise import LEAST_WORTH_ODDS
-from tumblecal.planning.sampling import SAMPLE
+from tumblecal.plan.next.next_capture import NextCapture, next_captures, next_commands, setup_of
+from tumblecal.plan.next.next_plan import SEPARATE, NextPlan
+from tumblecal.plan.next.promise import LEAST_WORTH_ODDS
+from tumblecal.plan.next.sampling import SAMPLE
 from tumblecal.show.words import Words, words_of
 
 

@@ -162,8 +162,8 @@ class Screening:
         and visible effects are used again; `likely`: causes whose effects are evaluated together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        chosen = (like.generic, like.visible) if like else ()
-        pool = pooled(at, level, *chosen).without(self.impossible)
+        generic, visible = (like.generic, like.visible) if like else (None, None)
+        pool = pooled(at, level, generic, visible).without(self.impossible)
         others = alternatives(at, pool.effect_blocks)
         if self.noise_stands:
             others = replace(others, noise=replace(others.noise, listed=()))

@@ -4,120 +4,65 @@ The residuals of each size are drawn in the residual space and decided as the di
 serve all sizes, so rates rise smoothly with the size.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
 from tumblecal.chain.head_ability import SlowNoise
-from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER
 from tumblecal.effects import Catalogue
+from tumblecal.full_model.full_model import FullModel
 from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.forecast.alias import error_in_use
 from tumblecal.plan.forecast.decisions import Decisions, decisions, detections, identities
 from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.plan.forecast.record import Alias, EffectForecast, Limit, NamingForecast
 
 
 # Sizes are tried in steps of this factor, up to this norm of the visible signal (sigma).
 _STEP, _LARGEST = 1.2, 400.0
 # Detection limits are found from draws so far (sigma) below the closed form, which is that much too high; so many of each.
 _BELOW, _DRAWS_OF_LIMITS = 0.3, 200
+# Draws for each effect of a plan, and of one that is compared.
+_DRAWS, _DRAWS_COMPARED = 500, 200
 # Cells of a head that stand for all of it.
 _MOST_CELLS = 150
 
 
-@dataclass(frozen=True)
-class EffectForecast:
-    """Forecast for one effect; sizes in `unit`, of every coefficient.
-
-    - `visible_fraction`: share of its signal that the nominal parameters do not absorb.
-    - `detected`, `named`, `identified`: probabilities at `size`: that something is detected; that the effect is named, alone or
-      among explanations of the same signal (as `study power` counts); that it is the verdict `identified`.
-    - `detection_limit`, `smallest_named`, `smallest_identified`: sizes at which these probabilities are 0.8; None: at none.
-    - `identical`: effects that are one function with it at 1 g. `not_separated`: others that make its signal, of `size` or at
-      the detection limit if that is larger, to within what the diagnosis takes for indistinguishable.
-    """
-
-    id: str
-    unit: str
-    size: float
-    visible_fraction: float
-    detected: float
-    named: float
-    identified: float
-    detection_limit: float | None
-    smallest_named: float | None
-    smallest_identified: float | None
-    identical: tuple[str, ...]
-    not_separated: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Alias:
-    """The largest error in use, g, of one effect that the calibration does not know, at a size in its unit."""
-
-    effect: str
-    size: float
-    unit: str
-    error_g: float
-
-
-@dataclass(frozen=True)
-class Limit:
-    """Detection limit of an effect in its unit; None for an undetectable one."""
-
-    size: float | None
-    unit: str
-
-
-@dataclass(frozen=True)
-class NamingForecast:
-    """Forecast of the diagnosis of a plan.
-
-    - `effects`: of those asked for. `detection_limits`: size of every effect that is detected with probability 0.8 (every
-      coefficient of this size). `undetectable`: those that the nominal parameters absorb.
-    - `hidden_on_head`: those of them that no positions on this head show, identities at 1 g among them; the choice of positions
-      hides the others.
-    - `alias`: the largest error in use that an effect at its detection limit leaves; `alias_of_undetectable`: the same of
-      undetectable effects of usual size; None if there are none.
-    - `draws`: number of draws of each probability. `not_testable`: reasons by effect.
-    """
-
-    effects: tuple[EffectForecast, ...]
-    detection_limits: dict[str, Limit]
-    undetectable: tuple[str, ...]
-    alias: Alias | None
-    alias_of_undetectable: Alias | None
-    draws: int
-    not_testable: dict[str, str]
-    hidden_on_head: tuple[str, ...] = ()
-
-
-def forecast(
-    rig: Rig, of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0
-) -> NamingForecast:
-    """Forecast of the diagnosis of a rig's plan by its chain with its priors, the noise known.
+def forecasts(
+    rig: Rig, compared: Sequence[Rig], entries: Catalogue, effects: Mapping[str, float], seed: int = 0
+) -> tuple[NamingForecast, list[tuple[tuple[EffectForecast, ...], tuple[str, ...]]]]:
+    """Forecast of the diagnosis of a rig's plan by its chain with its priors, the noise known; and of compared plans: the
+    effects asked for, and ids of those that the nominal parameters absorb.
 
     **Arguments:**
 
-    - `rig`: of `planned_rig` for a schedule. `of`: its effects.
+    - `rig`, `compared`: of `planned_rig` for a schedule.
     - `effects`: sizes by id, each in the unit of its entry; every coefficient has this size.
 
     **Raises:** `InputError` for an unknown effect, one that this plan cannot test, or a size that is not above 0.
     """
-    predicted = forecast_of(of, effects, draws=draws, seed=seed)
-    return replace(predicted, hidden_on_head=hidden_on_head(rig, predicted.undetectable, of.entries))
+    of, others = effects_of_plan(rig, entries), list[tuple[tuple[EffectForecast, ...], tuple[str, ...]]]()
+    predicted = forecast_of(of, effects, seed=seed)
+    for each in compared:
+        one = effects_of_plan(each, entries, of.model)
+        limits = {id: detection_limit(one, id, 1, seed) for id in effects}
+        named = [forecast_of_effect(one, id, size, limits[id], _DRAWS_COMPARED, seed) for id, size in effects.items()]
+        others.append((tuple(named), tuple(id for id in one.ids if not detectable(one, id))))
+    return replace(predicted, hidden_on_head=hidden_on_head(rig, predicted.undetectable, entries, of.model)), others
 
 
-def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0) -> NamingForecast:
-    """`forecast` of a plan's effects, whatever its head can show."""
+def forecast_of(
+    of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = _DRAWS, seed: int = 0
+) -> NamingForecast:
+    """The forecast of a plan's effects, whatever its head can show."""
     for id, size in effects.items():
         of.slot(id)
         if not size > 0:
@@ -135,26 +80,19 @@ def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int =
     )
 
 
-def hidden_on_head(rig: Rig, ids: Collection[str], entries: Catalogue) -> tuple[str, ...]:
-    """Those of some effects that no positions on a rig's head show, by many of its cells at once."""
+def hidden_on_head(rig: Rig, ids: Sequence[str], entries: Catalogue, like: FullModel | None = None) -> tuple[str, ...]:
+    """Those of some effects that no positions on a rig's head show, by many of its cells; `like`: the model of a plan."""
     if rig.ability is None or not ids:
         return ()
-    cells, own = cells_of(rig.ability), {id: entries[id] for id in ids}
+    cells, plan = cells_of(rig.ability), rig.plan
     if len(cells) > _MOST_CELLS:
         cells = cells.chosen(np.sort(np.random.default_rng(0).permutation(len(cells))[:_MOST_CELLS]))
-    count, times = len(cells), rig.ability.times
-    degc, plan = cells.temperature_degc, rig.plan
-    everywhere = Plan(
-        tuple(map(str, range(count))),
-        tuple(cells.alpha_deg.tolist()),
-        tuple(cells.beta_deg.tolist()),
-        cells.mounts,
-        ("1",) * count,
-        time_s=None if plan.time_s is None else tuple((times.dwell_s * np.arange(count)).tolist()),
-        temperature_degc=None if degc is None or plan.temperature_degc is None else tuple(degc.tolist()),
-    )
-    of = effects_of_plan(replace(rig, plan=everywhere, ability=replace(rig.ability, slow_noise=SlowNoise())), own)
-    return tuple(id for id in of.ids if np.linalg.norm(of.shown(id)) <= VISIBLE * np.linalg.norm(of.signal(id)))
+    cells = replace(cells, temperature_degc=None) if plan.temperature_degc is None else cells
+    times = None if plan.time_s is None else rig.ability.times.dwell_s * np.arange(len(cells))
+    everywhere = cells.plan(tuple(map(str, range(len(cells)))), times)
+    whole = replace(rig, plan=everywhere, ability=replace(rig.ability, slow_noise=SlowNoise()))
+    every = effects_of_plan(whole, {id: entries[id] for id in ids}, like)
+    return tuple(id for id in every.ids if not _visible(every, id))
 
 
 def _largest_alias(of: EffectsOfPlan, sizes: Mapping[str, float]) -> Alias | None:
@@ -185,7 +123,11 @@ def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float 
 
 def detectable(of: EffectsOfPlan, id: str) -> bool:
     """Whether the nominal parameters leave a visible part of an effect's signal."""
-    return bool(len(of.causes(id)) and np.linalg.norm(of.shown(id)) > VISIBLE * np.linalg.norm(of.signal(id)))
+    return bool(len(of.causes(id)) and _visible(of, id))
+
+
+def _visible(of: EffectsOfPlan, id: str) -> bool:
+    return bool(np.linalg.norm(of.shown(id)) > VISIBLE * np.linalg.norm(of.signal(id)))
 
 
 def _normal_quantile(happened: Bool[np.ndarray, " draws"]) -> float:
@@ -209,15 +151,15 @@ def forecast_of_effect(
     return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, inseparable)
 
 
-def not_separated(of: EffectsOfPlan, id: str, size: float, identical: tuple[str, ...]) -> tuple[str, ...]:
+def not_separated(of: EffectsOfPlan, id: str, size: float, identical: Sequence[str]) -> tuple[str, ...]:
     """Effects that make the signal of another one of a size to within what the diagnosis takes for indistinguishable."""
-    signal, found = size * of.shown(id), list[str]()
+    signal, found = size * of.shown(id), dict[str, None]()
     for k in of.pool.effects.tolist():
-        label, block = of.pool.labels[k], of.block(k)
+        block = of.block(k)
         rest = signal - block @ (block.T @ signal)
-        if label not in (id, *identical, *found) and rest @ rest < INDISTINGUISHABLE**2:
-            found.append(label)
-    return tuple(found)
+        if rest @ rest < INDISTINGUISHABLE**2:
+            found[of.pool.labels[k]] = None
+    return tuple(label for label in found if label not in (id, *identical))
 
 
 class Rates:

@@ -98,15 +98,18 @@ def in_use_figure(plan: DesignedPlan) -> Figure | None:
 
 def trade_off_figure(plan: DesignedPlan) -> Figure | None:
     """The largest standard uncertainty against the time, with common practice; None without other plans."""
-    if not plan.traded:
+    if not plan.found.traded:
         return None
-    figure, panel = new_panel(3.0, xlabel="time / min", ylabel=f"criterion ({plan.criterion.name})")
+    figure, panel = new_panel(3.0, xlabel="time / min", ylabel=f"criterion ({plan.found.criterion.name})")
     panel.plot(
-        [each.minutes for each in plan.traded], [each.value for each in plan.traded], "o-", label="designed plans"
+        [each.minutes for each in plan.found.traded],
+        [each.value for each in plan.found.traded],
+        "o-",
+        label="designed plans",
     )
-    for each in plan.traded:
+    for each in plan.found.traded:
         panel.annotate(str(each.positions), (each.minutes, each.value), (0, 6), textcoords="offset points", fontsize=7)
-    this = min(plan.traded, key=lambda each: abs(each.minutes - plan.minutes))
+    this = min(plan.found.traded, key=lambda each: abs(each.minutes - plan.minutes))
     panel.plot(this.minutes, this.value, "o", color=INK, ms=7, mfc="none", label="this plan")
     panel.set_ylim(bottom=0)
     return with_legend(figure)

@@ -18,10 +18,10 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.full_model.full_model import FullModel
 from tumblecal.full_model.tangent import tangent
 from tumblecal.ground.frames import rotation_angles, rotation_matrix
-from tumblecal.planning.conditions import Conditions
-from tumblecal.planning.new_groups import group_columns, joined_settings, leaves_of
-from tumblecal.planning.posterior import Posterior
-from tumblecal.planning.proposals import SIDES, NextPosition
+from tumblecal.plan.next.conditions import Conditions
+from tumblecal.plan.next.groups import group_columns, joined_settings, leaves_of
+from tumblecal.plan.next.posterior import Posterior
+from tumblecal.plan.next.proposals import SIDES, NextPosition
 
 
 # Coefficients of effects are within so many of their scales, time constants within one of their value: a coefficient that the
@@ -73,7 +73,7 @@ class Rows:
         old = self.old[:, chosen]
         information = old.T @ old
         information += np.diag(np.maximum(self.prior[chosen], _NOTHING * np.max(np.diag(information))))
-        return Posterior(information, old.T @ self.shown, self.new[:, :, chosen], self.expected)
+        return Posterior(self.new[:, :, chosen], information, old.T @ self.shown, self.expected)
 
 
 def rows_of(diagnosis: Diagnosis, listed: Sequence[NextPosition], conditions: Conditions) -> Rows:

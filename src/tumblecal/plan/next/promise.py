@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import computed_field
 
 from tumblecal.diagnosis.priors import LEAST_ODDS, SURE
-from tumblecal.planning.alternatives import Competition
-from tumblecal.planning.posterior import Posterior
+from tumblecal.plan.next.competition import Competition
+from tumblecal.plan.next.posterior import Posterior
 
 
 # A result of at least this probability is promised; new positions with lower odds are not worth measuring.
@@ -57,7 +57,7 @@ def promise_of(posteriors: Sequence[Posterior], competition: Competition) -> Pro
     odds of all explanations follow in closed form. If another explanation is true, or comes up that nothing predicted, nothing
     is settled. An alternative without a name remains: it predicts nothing.
     """
-    rng, every = np.random.default_rng(_SEED), np.arange(len(posteriors[0].new))[None]
+    rng, every = np.random.default_rng(_SEED), np.arange(len(posteriors[0].columns))[None]
     predicted = [known.predicted(every) for known in posteriors]
     mean = np.array([own.mean[0] for own in predicted])
     roots = np.linalg.cholesky([own.spread[0] for own in predicted])

@@ -15,7 +15,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.problem import Problem
 from tumblecal.full_model.full_model import FullModel
 from tumblecal.ground.frames import rotation_matrix
-from tumblecal.planning.proposals import NextPosition
+from tumblecal.plan.next.proposals import NextPosition
 
 
 # Pitch angles closer than this are one setting.

@@ -15,16 +15,16 @@ from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.blas import single_blas_thread
-from tumblecal.planning.alternatives import competition
-from tumblecal.planning.choosing import MOST_IN_SET, best_of, greedy
-from tumblecal.planning.conditions import Conditions, continued, temperature_notes
-from tumblecal.planning.confirming import Confirmation, confirmations
-from tumblecal.planning.new_groups import leaves_of
-from tumblecal.planning.posterior import Value, sharpenings
-from tumblecal.planning.promise import Promise
-from tumblecal.planning.proposals import SIDES, Allowed, NextPosition, proposals, reversed_run
-from tumblecal.planning.sampling import REVERSED, SAMPLE, samples
-from tumblecal.planning.separating import LEAST_STEP, separate, separation
+from tumblecal.plan.next.choosing import MOST_IN_SET, Value, best_of, greedy
+from tumblecal.plan.next.competition import competition
+from tumblecal.plan.next.conditions import Conditions, continued, temperature_notes
+from tumblecal.plan.next.confirming import Confirmation, confirmations
+from tumblecal.plan.next.groups import leaves_of
+from tumblecal.plan.next.posterior import sharpenings
+from tumblecal.plan.next.promise import Promise
+from tumblecal.plan.next.proposals import SIDES, Allowed, NextPosition, proposals, reversed_run
+from tumblecal.plan.next.sampling import REVERSED, SAMPLE, samples
+from tumblecal.plan.next.separating import LEAST_STEP, separate, separation
 
 
 MOST = 6
@@ -121,8 +121,7 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     notes = [_NOT_REMOUNTED] if allowed.remount and not sides else []
     plan = NextPlan(from_rig=diagnosis.from_rig, conditions=continued(data))
     if diagnosis.unnamed is not None:
-        found = samples(diagnosis, allowed, MOST_IN_SET)
-        together = tuple([NextPosition(one.alpha_deg, one.beta_deg, "", SAMPLE, one.in_sd) for one in found])
+        together = tuple(samples(diagnosis, allowed, MOST_IN_SET))
         singles = tuple(sorted(together, key=lambda position: -position.value)[:MOST])
         return replace(plan, singles=singles, together=together, purpose=SAMPLE, notes=(REVERSED, *notes))
     suspect = [cause.label.partition(":")[2] for cause in diagnosis.members if cause.positions]
@@ -141,37 +140,38 @@ def _proposed(
     settings = {*data.pitch_setting_deg.tolist()}
     if competing.at_settings:
         listed = [one for one in listed if one.beta_deg in settings] or listed
-    notes += [_AT_SETTINGS] if competing.at_settings and competing.alternatives else []
+        notes += [_AT_SETTINGS] if competing.alternatives else []
     predicted = competing.at(listed, continued(data)._replace(step_s=0.0))
-    separated = separate(competing, predicted, listed, reversed_run(data, allowed))
-    worth = separated if separated is not None and separated.promise.worth_measuring else None
-    predicted = predicted if worth is None else worth.predicted
-    counted = np.ones(len(competing.alternatives), bool) if worth is None else worth.counted
-    (rows, (leader, *others)), own = predicted, [k for cause in diagnosis.members for k in cause.slot.all_columns]
-    plan = replace(plan, promise=None if separated is None else separated.promise)
-    if own:
-        pairs = zip(others, competing.alternatives, counted, strict=True)
-        alternatives = [(other, labels) for other, labels, counts in pairs if counts]
-        alternatives.append((rows.posterior(range(model.nominal)), ()))
-        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *alternatives[0]))
-    if worth is not None:
-        singles = best_of(listed, rows.cells, separation(competing, predicted, counted), MOST, LEAST_STEP)
-        together, value = worth.ordered, sum(one.value for one in worth.ordered)
-        plan = replace(plan, purpose=SEPARATE, conditions=worth.conditions, in_reverse=worth.in_reverse, value=value)
+    found = separate(competing, predicted, listed, reversed_run(data, allowed))
+    separated = found is not None and found.promise.worth_measuring
+    predicted = found.predicted if found is not None and separated else predicted
+    rows, leader = predicted.rows, predicted.posteriors[0]
+    if any(cause.slot.all_columns for cause in diagnosis.members):
+        others = zip(predicted.posteriors[1:], competing.alternatives, strict=True)
+        counted = np.ones(len(competing.alternatives), bool) if not separated or found is None else found.counted
+        rivals = [each for each, counts in zip(others, counted, strict=True) if counts]
+        rival = (*rivals, (rows.posterior(range(model.nominal)), ()))[0]
+        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *rival))
+    plan = replace(plan, promise=None if found is None else found.promise)
+    if found is not None and separated:
+        value = separation(competing, predicted, found.counted)
+        singles, together = best_of(listed, rows.cells, value, MOST, LEAST_STEP), found.ordered
+        whole = sum(one.value for one in together)
+        plan = replace(plan, purpose=SEPARATE, conditions=found.conditions, in_reverse=found.in_reverse, value=whole)
     else:
         watched = _watched(diagnosis)
-        sharpening = Value([leader], sharpenings(watched), np.zeros(1), np.inf)
+        value = Value([leader], sharpenings(watched), np.zeros(1), np.inf)
         worst = model.names[watched[int(np.argmax(np.diag(leader.covariance)[watched]))]]
         least = -np.log1p(-np.minimum([_LEAST_GAIN * len(one.angles_deg) for one in listed], _LEAST_TURN))
         # The share by which an uncertainty is reduced, from the decrease of its logarithm.
         singles, together = (
             [replace(one, value=-float(np.expm1(-one.value))) for one in chosen]
             for chosen in (
-                best_of(listed, rows.cells, sharpening, MOST, LEAST_VALUE),
-                greedy(listed, rows.cells, sharpening, least, settings),
+                best_of(listed, rows.cells, value, MOST, LEAST_VALUE),
+                greedy(listed, rows.cells, value, least, settings),
             )
         )
-        plan = replace(plan, purpose=SHARPEN, watched=worst, value=-float(np.expm1(-sharpening.total)))
+        plan = replace(plan, purpose=SHARPEN, watched=worst, value=-float(np.expm1(-value.total)))
     notes += [_NEW_MOUNT] if plan.from_rig and any(one.mount for one in together) else []
     best, chosen = (tuple([replace(one, purpose=plan.purpose) for one in each]) for each in (singles, together))
     return replace(plan, singles=best, together=chosen, notes=tuple(notes))

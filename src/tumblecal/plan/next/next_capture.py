@@ -8,8 +8,8 @@ from tumblecal.capture.capture_plan import SETUP, CaptureSetup, DwellTable, Port
 from tumblecal.data.positions import joined_arguments
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.suggested_command import EVERY, suggested
-from tumblecal.planning.next_plan import NextPlan
-from tumblecal.planning.proposals import SIDES
+from tumblecal.plan.next.next_plan import NextPlan
+from tumblecal.plan.next.proposals import SIDES
 
 
 # Of the time of a position, the share to settle at most.

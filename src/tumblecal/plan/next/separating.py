@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool
 
-from tumblecal.planning.alternatives import Competition, Predicted
-from tumblecal.planning.choosing import greedy
-from tumblecal.planning.conditions import Conditions, candidates, continued
-from tumblecal.planning.posterior import Value, separations
-from tumblecal.planning.promise import PROMISED, Promise, promise_of
-from tumblecal.planning.proposals import NextPosition, by_pitch
+from tumblecal.plan.next.choosing import Value, greedy
+from tumblecal.plan.next.competition import Competition, Predicted
+from tumblecal.plan.next.conditions import Conditions, candidates, continued
+from tumblecal.plan.next.posterior import separations
+from tumblecal.plan.next.promise import PROMISED, Promise, promise_of
+from tumblecal.plan.next.proposals import NextPosition, by_pitch
 
 
 # A proposal that adds less than this to the log Bayes factor is omitted.

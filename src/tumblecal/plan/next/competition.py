@@ -12,10 +12,10 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels
-from tumblecal.planning.conditions import Conditions
-from tumblecal.planning.new_rows import Rows, rows_of
-from tumblecal.planning.posterior import Posterior
-from tumblecal.planning.proposals import NextPosition
+from tumblecal.plan.next.conditions import Conditions
+from tumblecal.plan.next.posterior import Posterior
+from tumblecal.plan.next.proposals import NextPosition
+from tumblecal.plan.next.rows import Rows, rows_of
 
 
 MOST_ALTERNATIVES = 10

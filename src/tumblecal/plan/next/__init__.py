@@ -1,0 +1,1 @@
+"""What to measure next: from a diagnosis to a plan."""
