@@ -173,7 +173,7 @@ def test_gravity_of_another_place():
     # The unit of the readings is that of the calibration: gravity of the other place is smaller.
     data = by_hand(VALUES, noise(1), up=UP * 9.78 / 9.81)
     size, same = local_size(of, data, there, None, "c.json")
-    assert size.size == pytest.approx(9.78 / 9.81) and size.sd == pytest.approx(3e-5 * 0, abs=1e-4)
+    assert size.ratio == pytest.approx(9.78 / 9.81) and size.u == pytest.approx(3e-5 * 0, abs=1e-4)
     assert not check(of, FILE, same, gravity=size).test.rejected
     assert check(of, FILE, same).test.rejected
     stated = replace(data, comments=data.comments | {"gravity_ms2": "9.78", "gravity_source": "measured"})

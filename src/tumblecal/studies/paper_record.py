@@ -67,7 +67,7 @@ class PaperRecord(ResultRecord):
     table1: SerializeAsAny[ResultRecord]
     table2: dict[str, list[float]]
     table3_g: dict[str, list[float]]
-    audit: AuditRecord
+    audit: AuditRecord = at("result")
 
 
 def paper_record(study: PaperStudy, audit: Audit, table1: ResultRecord, findings: Sequence[str]) -> PaperRecord:
@@ -83,11 +83,11 @@ def paper_record(study: PaperStudy, audit: Audit, table1: ResultRecord, findings
         final=final,
         scatter_of_single_exact_fits=scatter,
     )
-    return PaperRecord(
+    return PaperRecord.of(
+        audit,
         findings=findings,
         simulation=SimulationRecord.of(study, parameters=parameters),
         table1=table1,
         table2=paper.table2(),
         table3_g=paper.table3(),
-        audit=AuditRecord.of(audit),
     )
