@@ -117,14 +117,13 @@ def log_odds(
     - `values`: of the functions of each signal. `responses`: of the space to one unit at every position, by place.
     - `together`: the places at which a signal acts, one row of the odds for each.
     """
-    listed, numbers = [], values.shape[1] * responses.shape[0] * responses.shape[1]
-    whole = np.sum(responses**2, axis=1).T
-    for some in np.array_split(values, 1 + len(values) * numbers // _NUMBERS_AT_ONCE):
+    sizes = values**2 @ np.sum(responses**2, axis=1).T
+    # Functions that act at excluded positions only are rounding.
+    least = np.maximum(VISIBLE_TERM**2 * sizes, _ROUNDING * np.max(sizes, axis=(0, 1), initial=0.0))
+    parts, listed = 1 + values.shape[0] * values.shape[1] * responses[..., 0].size // _NUMBERS_AT_ONCE, []
+    for some, bound in zip(np.array_split(values, parts), np.array_split(least, parts), strict=True):
         every, odds = np.tensordot(some, responses, (2, 2)), []
-        sizes = some**2 @ whole
-        # Functions that act at excluded positions only are rounding.
-        least = np.maximum(VISIBLE_TERM**2 * sizes, _ROUNDING * np.max(sizes, axis=(0, 1), initial=0.0))
-        every *= (np.vecdot(every, every) > least)[..., None]
+        every *= (np.vecdot(every, every) > bound)[..., None]
         for places in together:
             rows = every[:, :, list(places)].reshape(len(some), -1, len(space.z))
             explained, rank = explained_by(rows @ rows.mT, rows @ space.z)

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, eigh
 
 from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.chain.nominal import PITCH_ERROR
@@ -26,6 +26,8 @@ from tumblecal.diagnosis.units.unit import TERM_SCALE, Batch
 _KEPT = 1e-3
 # Information that is less than this share of that of all units is rounding.
 _NO_INFORMATION = 1e-6
+# Steps between the values of a factor of covariances, so that units of one plan share quantities that the plan determines.
+_COARSE = 1.25
 
 
 def most_excluded(units: int) -> int:
@@ -39,8 +41,8 @@ class HeadFit:
 
     - `head`: the measured errors; None if no error is shared.
     - `pitch`: whether the errors of the pitch settings belong to the head; its `alone` by the units' numbers.
-    - `unit_values`, `unit_sd` (units, coefficients): separate estimate of the shared
-      coefficients by every unit, base units; nan if it does not determine one.
+    - `unit_values`, `unit_sd` (units, coefficients): separate estimate of the shared coefficients by every unit, base units;
+      nan if it does not determine one.
     - `directions`: from the estimated values to the errors of the head. `equations`: of every unit for them. `excluded`:
       numbers of the excluded units.
     """
@@ -75,27 +77,29 @@ class HeadFit:
     def without(self, number: int) -> MeasuredHead | None:
         """The head as measured by the other units, so that the prior of a unit does not contain its own data.
 
-        The values are the others'. Their covariance is that of all units, for one unit fewer: units of one plan then share
-        quantities that the plan determines.
+        The values are the others'. Their covariance is that of all units times a factor on a coarse scale: units of one plan
+        then share quantities that the plan determines.
         """
-        counted = len(self.unit_sd) - len(self.excluded)
-        if self.head is None or counted < 2:
+        if self.head is None or len(self.unit_sd) - len(self.excluded) < 2:
             return None
         others = self._others.only(np.array(number))
-        shown = np.diag(others.gram) > _NO_INFORMATION * np.diag(others.gram + self.equations.gram[number])
+        whole = others.gram + self.equations.gram[number]
+        shown = np.flatnonzero(np.diag(others.gram) > _NO_INFORMATION * np.diag(whole))
         # The others know nothing of a pitch setting of this unit alone.
-        kept = ~np.any(self.directions[:, ~shown] != 0, axis=1)
+        kept = ~np.any(np.delete(self.directions, shown, axis=1) != 0, axis=1)
         if number in self.pitch.alone:
             kept &= [not name.startswith(PITCH_ERROR) for name in self.head.names]
         if not np.any(kept):
             return None
-        chosen, values = np.flatnonzero(kept), others.of(np.flatnonzero(shown)).solved()
+        chosen, others = np.flatnonzero(kept), others.of(shown)
+        smallest = float(eigh(others.gram, whole[np.ix_(shown, shown)], eigvals_only=True)[0])
+        wider = _COARSE ** np.ceil(-np.log(max(smallest, _NO_INFORMATION)) / np.log(_COARSE) - 0.3)
         return replace(
             self.head,
             names=tuple(self.head.names[k] for k in chosen),
             units=tuple(self.head.units[k] for k in chosen),
-            values=self.directions[np.ix_(chosen, shown)] @ values,
-            covariance=self.head.covariance[np.ix_(chosen, chosen)] * counted / (counted - 1),
+            values=self.directions[np.ix_(chosen, shown)] @ others.solved(),
+            covariance=self.head.covariance[np.ix_(chosen, chosen)] * wider,
         )
 
 

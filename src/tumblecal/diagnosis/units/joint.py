@@ -12,7 +12,7 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.units.amounts import TwoLevels, UnitAmounts, two_levels, unit_amounts
 from tumblecal.diagnosis.units.head_fit import HeadFit, head_fit, most_excluded
 from tumblecal.diagnosis.units.search import JointPosterior, SharedExplanation, joint_posterior
-from tumblecal.diagnosis.units.unit import Batch, SharedSignal, linearised, shared_signals
+from tumblecal.diagnosis.units.unit import Batch, SharedSignal, linearised
 from tumblecal.estimation.plausibility import Implausible, implausible_head
 from tumblecal.ground.errors import InputError
 
@@ -128,7 +128,7 @@ def joint_diagnosis(
     starts = [linearised(unit) for unit in screened]
     impossible, excluded = frozenset[str](), frozenset[int]()
     while True:
-        batch = Batch.of(starts, shared_signals(starts, impossible))
+        batch = Batch.of(starts, impossible)
         joint = joint_posterior(batch.excluding(excluded))
         found = JointDiagnosis(batch, joint, head_fit(batch, joint.best, sources, excluded))
         too_large = impossible_effects(found.joint.best, found.fit.head) - impossible

@@ -1,6 +1,7 @@
 """A unit where it is linearised: residual, signals that it may share with others, and its own causes; a batch of units."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import NamedTuple
@@ -202,17 +203,25 @@ class Batch:
     signals: tuple[SharedSignal, ...]
 
     @classmethod
-    def of(cls, units: Sequence[Unit], signals: tuple[SharedSignal, ...]) -> "Batch":
-        """The units by these signals."""
-        columns: Mapping[tuple, list[int]] = {signal.key: list(signal.columns) for signal in signals}
-        width, with_rows = sum(len(signal.scales) for signal in signals), []
+    def of(cls, units: Sequence[Unit], impossible: frozenset[str] = frozenset()) -> "Batch":
+        """The units by the signals that at least two of them can show, without the effects of some ids."""
+        visible = [
+            signal for unit in units for signal, _, shown in unit.signals if shown and signal.label not in impossible
+        ]
+        counts, signals, width = Counter(signal.key for signal in visible), dict[tuple, SharedSignal](), 0
+        for signal in visible:
+            if counts[signal.key] > 1 and signal.key not in signals:
+                last = width + len(signal.scales)
+                signals[signal.key] = signal._replace(columns=tuple(range(width, last)))
+                width = last
+        with_rows = []
         for unit in units:
             rows = np.zeros((len(unit.at.residual), width))
             for signal, block, _ in unit.signals:
-                if signal.key in columns:
-                    rows[:, columns[signal.key]] = block
+                if signal.key in signals:
+                    rows[:, list(signals[signal.key].columns)] = block
             with_rows.append(replace(unit, rows=rows))
-        return cls(tuple(with_rows), signals)
+        return cls(tuple(with_rows), tuple(signals.values()))
 
     def excluding(self, numbers: Collection[int]) -> "Batch":
         """The same where some of the units have no information on shared signals."""
@@ -233,16 +242,3 @@ class Batch:
     def noise_known(self) -> bool:
         """Whether the noise of every unit is stated."""
         return all(unit.at.problem.known for unit in self.units)
-
-
-def shared_signals(units: Sequence[Unit], impossible: frozenset[str] = frozenset()) -> tuple[SharedSignal, ...]:
-    """The signals that at least two units can show, with consecutive column numbers, without the effects of some ids."""
-    signals: dict[tuple, list[SharedSignal]] = {}
-    for signal in (signal for unit in units for signal, _, visible in unit.signals if visible):
-        signals.setdefault(signal.key, []).append(signal)
-    numbered, first = [], 0
-    for signal, *others in signals.values():
-        if others and signal.label not in impossible:
-            numbered.append(signal._replace(columns=tuple(range(first, first + len(signal.scales)))))
-            first += len(signal.scales)
-    return tuple(numbered)
