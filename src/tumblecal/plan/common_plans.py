@@ -75,7 +75,7 @@ def _plan(
         chosen.add(found)
     # One mounting and one pitch setting after the other.
     rows = [(alpha, beta, ability.mounts[number]) for number, beta, alpha in sorted(chosen)]
-    return Positions(name, source, Cells.listed(rows), deviation)
+    return Positions(name, source, Cells.listed(rows), round(deviation, 6))
 
 
 def _settable(ability: HeadAbility, direction: Float[np.ndarray, "3"]) -> tuple[tuple[float, float], float]:

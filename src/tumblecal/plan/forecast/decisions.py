@@ -41,7 +41,12 @@ class Decisions(NamedTuple):
 
 def detections(of: EffectsOfPlan, z: Float[np.ndarray, "draws nu"]) -> Bool[np.ndarray, " draws"]:
     """Whether each of some vectors contradicts the nominal model."""
-    return statistics(of.pool, of.alternatives, z, True) > of.threshold
+    # The alternatives only add to the statistic: most vectors need none of them.
+    found = statistics(of.pool, None, z, True) > of.threshold
+    rest = np.flatnonzero(~found)
+    if len(rest):
+        found[rest] = statistics(of.pool, of.alternatives, z[rest], True) > of.threshold
+    return found
 
 
 def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> Decisions:
