@@ -29,9 +29,9 @@ from blind.plans import PLANS, remounted  # noqa: E402
 from blind_noise import position_set  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
 from tumblecal.ground.errors import InputError  # noqa: E402
-from tumblecal.planning import next_plan  # noqa: E402
 from tumblecal.plan.next.next_plan import SEPARATE  # noqa: E402
 from tumblecal.plan.next.proposals import SIDES, by_pitch  # noqa: E402
+from tumblecal.planning import next_plan  # noqa: E402
 
 
 BINS = (0.0, 0.5, 0.8, 0.9, 1.01)

@@ -29,8 +29,8 @@ from tumblecal.lab.diagnosed_use import diagnosed_use, lacking_of_diagnosis
 from tumblecal.lab.extended_rig import NAME as EXTENDED_RIG
 from tumblecal.lab.extended_rig import extended_rig_text
 from tumblecal.lab.sensor_terms import held_words
-from tumblecal.planning import NextPlan
 from tumblecal.plan.next.record import plan_record
+from tumblecal.planning import NextPlan
 from tumblecal.show.fit import fit_words
 from tumblecal.show.next_plan import next_plan_texts, next_words
 from tumblecal.show.verdict import Verdict, verdict_lines

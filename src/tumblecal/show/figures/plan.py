@@ -102,7 +102,10 @@ def trade_off_figure(plan: DesignedPlan) -> Figure | None:
         return None
     figure, panel = new_panel(3.0, xlabel="time / min", ylabel=f"criterion ({plan.found.criterion.name})")
     panel.plot(
-        [each.minutes for each in plan.found.traded], [each.value for each in plan.found.traded], "o-", label="designed plans"
+        [each.minutes for each in plan.found.traded],
+        [each.value for each in plan.found.traded],
+        "o-",
+        label="designed plans",
     )
     for each in plan.found.traded:
         panel.annotate(str(each.positions), (each.minutes, each.value), (0, 6), textcoords="offset points", fontsize=7)
