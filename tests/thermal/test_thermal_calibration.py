@@ -98,8 +98,8 @@ def test_a_lag_of_the_thermometer_is_fitted_in_seconds():
     (found,) = result.signals
     assert found.name == "temperature_lag" and found.not_separated_from == ()
     assert result.choice.unseparated == ()
-    (lag_s,) = found.coefficients.values()
-    assert lag_s == pytest.approx(40.0, abs=4 * found.sd[0] + 0.5)
+    (lag_s,), (sd,) = found.coefficients.values(), found.sd.values()
+    assert lag_s == pytest.approx(40.0, abs=4 * sd + 0.5)
     assert result.choice.orders["bias"] == 2
 
 
