@@ -111,7 +111,7 @@ class NoiseAlternatives:
         """
         rows, dof, total = self.at.basis[: self.at.problem.readings.size], z.shape[1], np.vecdot(z, z)
         variance = np.ones(len(z)) if known else total / dof
-        of_differences = np.zeros(len(z))
+        of_differences, pure = np.zeros(len(z)), variance
         if of_means:
             turned, mean = self.repeats.turned(rows), np.repeat(self.repeats.is_mean, 3)
             rows, differences, free = turned[mean], z @ turned[~mean].T, float(np.sum(turned[~mean] ** 2))
@@ -122,7 +122,7 @@ class NoiseAlternatives:
         rows, share = rows[share > _LEAST_SHARE], share[share > _LEAST_SHARE]
         squares = (z @ rows.T) ** 2 / share
         spread = variance if known or of_means else squares @ share / np.sum(share)
-        scale = np.tile(pure if of_means else variance, (len(tails), 1))
+        scale = np.tile(pure, (len(tails), 1))
         if not (known or of_means):
             scale = _best_scale(squares, share, tails, variance)
         gain = (_log_t(squares, tails, scale) - _log_normal(squares, spread)) @ share

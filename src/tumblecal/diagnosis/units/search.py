@@ -189,5 +189,5 @@ def _posterior(tried: Sequence[Hypothesis]) -> JointPosterior:
     log_odds = float(np.logaddexp.reduce(scores[with_error], initial=-np.inf)) - null.without
     statistic = log_odds - float(np.log(1 - SIZE_PRIOR[0]) - np.log(SIZE_PRIOR[0]))
     of_null = pool.dof, True, weight_of(pool, None)
-    p_value = float(np.exp(log_p_value(statistic, *of_null)))
+    p_value = float(np.exp(log_p_value(np.array(statistic), *of_null)))
     return JointPosterior(listed, statistic, threshold(SIZE, *of_null), p_value, pool.dof)
