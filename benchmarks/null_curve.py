@@ -127,12 +127,17 @@ def _gain(explained, total, ranks, dof: int, known: bool) -> np.ndarray:
     return log_evidence(total, [(explained, ranks)], dof, known) - log_evidence_of_noise(total, dof, known)
 
 
+def null_of(of: Screened) -> tuple[int, bool, float]:
+    """Degrees of freedom, whether the noise is known, and the weights: arguments of the curve."""
+    return of.at.dof, of.problem.known, weight_of(of.pool, of.alternatives, of.at.rough_level)
+
+
 def fit(cases: list[tuple[Screened, np.ndarray, np.ndarray]]) -> None:
     """Print the table: at each statistic least squares in 1 and 1/nu, one slope for known and one for unknown noise."""
     rows, log_p = [], []
     for of, drawn, weight in cases:
-        nu, known = of.at.dof, of.problem.known
-        shift = np.log(weight_of(of.pool.in_units_of(of.at.rough_level), of.alternatives) / null_curve._WEIGHT)
+        nu, known, total = null_of(of)
+        shift = np.log(total / null_curve._WEIGHT)
         log_p.append([np.log(np.mean(weight * (drawn > s + shift))) for s in STATISTIC])
         rows.append([1.0, known / nu, (not known) / nu])
     table = np.linalg.lstsq(np.array(rows), np.array(log_p), rcond=None)[0]
@@ -153,8 +158,7 @@ def main() -> None:
         of = diagnoser.begun(data, **options).screened
         drawn, weight = sampled(of, asked.draws)
         cases.append((of, drawn, weight))
-        null = of.at.dof, of.problem.known, weight_of(of.pool.in_units_of(of.at.rough_level), of.alternatives)
-        sizes = [np.mean(weight * (drawn > null_curve.threshold(size, *null))) for size in (0.01, 0.001)]
+        sizes = [np.mean(weight * (drawn > null_curve.threshold(size, *null_of(of)))) for size in (0.01, 0.001)]
         print(f"{name:24} nu {of.at.dof:4}  1 %: {sizes[0]:7.2%}  0.1 %: {sizes[1]:7.3%}", flush=True)
     if asked.part == "fit":
         fit(cases)

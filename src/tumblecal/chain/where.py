@@ -85,9 +85,7 @@ class Where:
     @property
     def in_order(self) -> Int[Array, " positions"]:
         """The numbers of the positions in measuring order, run by run."""
-        run = jnp.asarray(self.index("run"))
-        time = jnp.arange(len(run)) if self.time_s is None else jnp.asarray(self.time_s)
-        return jnp.lexsort((time, run))
+        return _in_order(self, jnp)
 
     def earlier(self, within: str) -> Int[Array, " positions"]:
         """The number of the previous position; for the first of a run, or of another group, its own number."""
@@ -287,12 +285,18 @@ def settings(
 VISITS = {"pitch_visit": ("run.mount.pitch", "pitch"), "mount_visit": ("run.mount", "mount")}
 
 
+def _in_order(where: Where, numpy: Any) -> Any:
+    """`Where.in_order` by numpy or by JAX's."""
+    run = numpy.asarray(where.index("run"))
+    time = numpy.arange(len(run)) if where.time_s is None else numpy.asarray(where.time_s)
+    return numpy.lexsort((time, run))
+
+
 def with_visits(where: Where, by: Collection[str | None]) -> Where:
     """The settings with those of the index columns `by` that number visits: each time a setting is set again is another group,
     named by the setting and the number of the visit (`_0@visit=3`)."""
-    groups, labels, run = dict(where.groups), list(where.labels), np.asarray(where.index("run"))
-    # `in_order` in numpy: JAX would compile it for each number of positions.
-    order = np.lexsort((np.arange(len(run)) if where.time_s is None else np.asarray(where.time_s), run))
+    # In numpy: JAX would compile the order for each number of positions.
+    groups, labels, order = dict(where.groups), list(where.labels), _in_order(where, np)
     for name, (changing, setting) in VISITS.items():
         if name not in by or name in groups:
             continue

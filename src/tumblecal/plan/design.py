@@ -153,9 +153,7 @@ def _designed(
             replace(each, effects=effects, undetectable=undetectable)
             for each, (effects, undetectable) in zip(others, compared, strict=True)
         ]
-    found_by = after.uncertainties
-    determined = tuple(name for name in found_by.names if name not in found_by.undetermined)
-    after, *others = (replace(each, compared=determined) for each in (after, *others))
+    after, *others = (replace(each, compared=after.uncertainties.determined) for each in (after, *others))
     return DesignedPlan(
         rig=made,
         ability=ability,

@@ -26,6 +26,11 @@ class Uncertainties:
     covariance: Float[np.ndarray, "shared shared"]
 
     @property
+    def determined(self) -> tuple[str, ...]:
+        """Parameters that are determined."""
+        return tuple(name for name, sd in zip(self.names, self.sd, strict=True) if not np.isinf(sd))
+
+    @property
     def undetermined(self) -> tuple[str, ...]:
         """Parameters that are not determined."""
         return tuple(name for name, sd in zip(self.names, self.sd, strict=True) if np.isinf(sd))

@@ -30,24 +30,24 @@ _CELLS, _CLOCK_ROWS = 100, 1000
 
 def clock_among(first: pl.DataFrame, free: Sequence[str], notes: list[str]) -> Column | None:
     """The clock among unassigned columns: of those that rise, one with dates or a unit, then the one whose name has the fewest
-    other words, then one with regular steps; then any column with dates. `notes`: gets the next one."""
+    other words, then one with regular steps; any column with dates goes before a clock without a unit. `notes`: gets the
+    next one."""
     dated = [name for name in free if first[name].dtype.is_temporal() or "<hour>" in FORMS.get(_form(first[name]), "")]
     composed = composed_clocks(first, free)
     larger = {part.name for column in composed.values() for part in column.parts[1:]}
     named = [name for name in free if role_of(name)[0] == "time" and name not in larger]
     numbers = {name: _in_seconds(first, name).numbers(first) for name in named}
 
-    def order(name: str) -> tuple[bool, int, bool]:
-        steps = np.diff(numbers[name][np.isfinite(numbers[name])])
-        return not (parsed(name).unit or name in dated), parsed(name).foreign, not regular(steps)
+    def order(name: str) -> tuple[bool, bool, int, bool]:
+        steps, stated = np.diff(numbers[name][np.isfinite(numbers[name])]), parsed(name).unit or name in dated
+        return not stated, name not in composed, parsed(name).foreign, not regular(steps)
 
     named.sort(key=order)
     usable = [name for name in named if name in dated or name in composed or rises(numbers[name])]
     notes += [f"column {name} does not rise: no clock" for name in named if name not in usable]
-    for other in usable[1:2]:
-        notes.append(f"clock: {usable[0]}, not {other}; to override: --columns {shlex.quote(f'time={other}')}")
-    stated = [name for name in usable if parsed(name).unit or name in dated or name in composed]
-    found = stated or dated or usable
+    found = usable if usable and not all(order(usable[0])[:2]) else [*dated, *usable]
+    for other in [name for name in usable if name != found[0]][:1]:
+        notes.append(f"clock: {found[0]}, not {other}; to override: --columns {shlex.quote(f'time={other}')}")
     return Column(found[0], parsed(found[0]).unit, "name" if found[0] in named else "dates") if found else None
 
 

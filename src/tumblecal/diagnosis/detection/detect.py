@@ -77,9 +77,10 @@ def scores_of_each(
     return scores
 
 
-def weight_of(pool: Pool, alternatives: Alternatives | None) -> float:
-    """Sum of the weights in the test: of the causes that noise alone may look like, and of the alternatives."""
-    near = pool.offset_squares < FAR**2
+def weight_of(pool: Pool, alternatives: Alternatives | None, sigma: float = 1.0) -> float:
+    """Sum of the weights in the test: of the causes that noise alone, of standard deviation `sigma`, may look like, and of the
+    alternatives."""
+    near = pool.offset_squares < (FAR * sigma) ** 2
     logs = [*(tested.log_weights for tested in pool.tested), pool.test_log_weights[pool.faults[near]]]
     if alternatives is not None:
         logs.append(alternatives.test_log_weights)
@@ -126,7 +127,7 @@ def detect(
     """
     known, chi2 = at.problem.known, float(at.z @ at.z)
     statistic = statistics(pool, alternatives, at.z[None], known)[0]
-    null = pool.dof, known and not level_estimated, weight_of(pool.in_units_of(at.rough_level), alternatives)
+    null = pool.dof, known and not level_estimated, weight_of(pool, alternatives, at.rough_level)
     return Detection(
         statistic=float(statistic),
         p_value=float(np.exp(log_p_value(statistic, *null))),

@@ -121,10 +121,9 @@ class NoiseAlternatives:
         share = np.vecdot(rows, rows)
         rows, share = rows[share > _LEAST_SHARE], share[share > _LEAST_SHARE]
         squares = (z @ rows.T) ** 2 / share
-        spread = variance if known or of_means else squares @ share / np.sum(share)
-        scale = np.tile(pure, (len(tails), 1))
+        spread, scale = variance, np.tile(pure, (len(tails), 1))
         if not (known or of_means):
-            scale = _best_scale(squares, share, tails, variance)
+            spread, scale = squares @ share / np.sum(share), _best_scale(squares, share, tails, variance)
         gain = (_log_t(squares, tails, scale) - _log_normal(squares, spread)) @ share
         return log_evidence_of_noise(total, dof, known) + of_differences + gain
 

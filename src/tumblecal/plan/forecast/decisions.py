@@ -41,12 +41,14 @@ class Decisions(NamedTuple):
 
 def detections(of: EffectsOfPlan, z: Float[np.ndarray, "draws nu"]) -> Bool[np.ndarray, " draws"]:
     """Whether each of some vectors contradicts the nominal model."""
+    statistic = statistics(of.pool, None, z, True)
     # The alternatives only add to the statistic: most vectors need none of them.
-    found = statistics(of.pool, None, z, True) > of.threshold
-    rest = np.flatnonzero(~found)
+    rest = np.flatnonzero(statistic <= of.threshold)
     if len(rest):
-        found[rest] = statistics(of.pool, of.alternatives, z[rest], True) > of.threshold
-    return found
+        none = log_evidence_of_noise(np.vecdot(z[rest], z[rest]), of.pool.dof, True)
+        added = np.logaddexp.reduce(of.alternatives.test_log_evidence(z[rest], True), axis=1) - none
+        statistic[rest] = np.logaddexp(statistic[rest], added)
+    return statistic > of.threshold
 
 
 def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> Decisions:

@@ -149,9 +149,9 @@ def _proposed(
     if any(cause.slot.all_columns for cause in diagnosis.members):
         others = zip(predicted.posteriors[1:], competing.alternatives, strict=True)
         counted = np.ones(len(competing.alternatives), bool) if not separated or found is None else found.counted
-        rivals = [each for each, counts in zip(others, counted, strict=True) if counts]
-        rival = (*rivals, (rows.posterior(range(model.nominal)), ()))[0]
-        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *rival))
+        possible = [each for each, counts in zip(others, counted, strict=True) if counts]
+        strongest = (*possible, (rows.posterior(range(model.nominal)), ()))[0]
+        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *strongest))
     plan = replace(plan, promise=None if found is None else found.promise)
     if found is not None and separated:
         value = separation(competing, predicted, found.counted)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.plan.information import Information
+from tumblecal.plan.information import Information, covariance_of
 
 
 class Prediction(NamedTuple):
@@ -33,7 +33,7 @@ class Posterior(Information):
     @cached_property
     def covariance(self) -> Float[np.ndarray, "all all"]:
         """Covariance of the coefficients."""
-        return np.linalg.inv(self.information)
+        return covariance_of(self.information)
 
     def predicted(self, cells: Int[np.ndarray, "proposals cells"]) -> Prediction:
         """The readings at each proposal's cells."""
