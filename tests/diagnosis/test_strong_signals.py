@@ -17,7 +17,7 @@ from blind.conditions import CONDITIONS, drawn, positions_of
 from blind.judge import right as is_right
 from blind_noise import position_set
 from tumblecal.effects.rig_with_effects import read_rig_with_effects
-from tumblecal.estimation.setup_correction import correct_setup_errors
+from tumblecal.estimation.setup.correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated
 
 

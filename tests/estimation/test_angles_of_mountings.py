@@ -7,7 +7,7 @@ import pytest
 
 from blind.conditions import CONDITIONS, drawn, write
 from tumblecal.data import read_positions
-from tumblecal.estimation.setup_correction import correct_setup_errors
+from tumblecal.estimation.setup.correction import correct_setup_errors
 
 
 def spoilt(condition, tmp_path):

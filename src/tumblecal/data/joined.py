@@ -21,7 +21,7 @@ FAULTS = (NOT_CONFIRMED, WITHIN_DWELLS)
 def with_separate_runs(sets: Sequence[PositionSet]) -> list[PositionSet]:
     """Sets to be joined, with a separate run for each set without a run: named by its file, or by its folder if file names
     are equal. A set that shares no mount with others is unchanged, because its mount separates it already."""
-    mounts = [set(given.mount or ("1",)) for given in sets]
+    mounts = [set(given.labels("mount")) for given in sets]
     alone = [not any(mount & other for j, other in enumerate(mounts) if j != k) for k, mount in enumerate(mounts)]
     if len(sets) < 2 or all(alone):
         return list(sets)

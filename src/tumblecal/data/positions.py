@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN, serial_number_of
@@ -285,7 +285,17 @@ class PositionSet(Shown):
     @property
     def runs(self) -> tuple[str, ...]:
         """Labels of the runs in order of appearance; one run `1` if none is given."""
-        return tuple(dict.fromkeys(self.run or ("1",)))
+        return tuple(dict.fromkeys(self.labels("run")))
+
+    def labels(self, column: Literal["run", "mount", "clock"]) -> tuple[str, ...]:
+        """Label of each position in a column; all `1` if it is not given."""
+        return getattr(self, column) or ("1",) * len(self)
+
+    @property
+    def mountings(self) -> dict[str, Bool[np.ndarray, " positions"]]:
+        """The rows of each mounting, in order of appearance."""
+        mount = np.array(self.labels("mount"))
+        return {label: mount == label for label in dict.fromkeys(mount.tolist())}
 
     def chosen(self, rows: Sequence[int] | np.ndarray) -> "PositionSet":
         """The set of these rows (indices or a mask), in that order."""

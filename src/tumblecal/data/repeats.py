@@ -96,7 +96,7 @@ def copied_positions(data: PositionSet) -> list[tuple[str, str]]:
     """Names of positions whose numbers all equal those of an earlier position, with the name of the earlier one."""
     numbers = [data.alpha_deg, data.beta_deg, *data.readings.T]
     numbers += [column for column in (data.time_s, data.temperature_degc) if column is not None]
-    labels = zip(data.run or ("",) * len(data), data.mount or ("",) * len(data), strict=True)
+    labels = zip(data.labels("run"), data.labels("mount"), strict=True)
     first: dict[tuple, str] = {}
     pairs = []
     for name, row, label in zip(data.names, np.stack(numbers, axis=1).tolist(), labels, strict=True):

@@ -32,8 +32,8 @@ from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.position_problem import problem_of, where_of
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.setup_correction import correct_setup_errors
-from tumblecal.estimation.setup_error import SetupError, undone_by_fit
+from tumblecal.estimation.setup.correction import correct_setup_errors
+from tumblecal.estimation.setup.error import SetupError, undone_by_fit
 from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.full_model.full_model import FullModel, model_of, settings_key
 from tumblecal.full_model.layout import key_of

@@ -34,7 +34,7 @@ from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.mountings import turns_of
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.setup_error import SetupError
+from tumblecal.estimation.setup.error import SetupError
 from tumblecal.full_model.effect_directions import EffectDirections, effect_directions
 from tumblecal.full_model.full_model import FullModel
 from tumblecal.ground.blas import single_blas_thread

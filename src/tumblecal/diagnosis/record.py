@@ -18,7 +18,7 @@ from tumblecal.diagnosis.findings.residuals import Check, Harmonic
 from tumblecal.estimation.mean_noise import MeanNoiseRecord
 from tumblecal.estimation.mountings import Mountings
 from tumblecal.estimation.plausibility import Implausible
-from tumblecal.estimation.setup_error import SetupErrorRecord
+from tumblecal.estimation.setup.error import SetupErrorRecord
 from tumblecal.ground.record import OR_NULL, Estimate, ResultRecord, TextOrNull, at
 
 

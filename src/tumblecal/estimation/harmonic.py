@@ -79,7 +79,7 @@ def analyse(problem: Problem) -> Harmonics:
     design, ideal = equations(betas)
     estimated = set(problem.chain.names)
     columns = [column for column, name in enumerate(chain.names) if name in estimated]
-    run_of = data.run or ("1",) * len(data)
+    run_of = data.labels("run")
     return Harmonics(
         z=analysis @ _at_settings(problem).ravel() - ideal,
         design=design[:, columns],

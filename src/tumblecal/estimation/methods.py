@@ -24,8 +24,8 @@ from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.position_problem import problem_of
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.setup_correction import correct_setup_errors
-from tumblecal.estimation.setup_error import HARMLESS, SetupError
+from tumblecal.estimation.setup.correction import correct_setup_errors
+from tumblecal.estimation.setup.error import HARMLESS, SetupError
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.pickled import Pickled

@@ -120,7 +120,7 @@ def turned_mountings(data: PositionSet) -> dict[str, Angles]:
     **Raises:** `InputError` if the turn is not clear from the readings, if axes are mirrored between mountings, or if
     the triad was turned within a mounting.
     """
-    mount, run = data.mount or ("1",) * len(data), data.run or ("1",) * len(data)
+    mount, run = data.labels("mount"), data.labels("run")
     parts = list(dict.fromkeys(zip(mount, run, strict=True)))
     if len(parts) < 2 or data.hand_held:
         return {}
@@ -165,7 +165,7 @@ def with_distinct_mounts(sets: Sequence[PositionSet]) -> list[PositionSet]:
     used = {label for data in sets for label in data.mount or ("1",)}
     named: list[PositionSet] = []
     for data in sets:
-        labels = list(data.mount or ("1",) * len(data))
+        labels = list(data.labels("mount"))
         for label in dict.fromkeys(labels):
             possible = possible_turns(data.chosen([other == label for other in labels]))
             name, before = now.get(label, (label, possible))

@@ -23,7 +23,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import Mountings, turns_of
 from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.plausibility import Implausible, implausible
-from tumblecal.estimation.setup_error import SetupErrorRecord
+from tumblecal.estimation.setup.error import SetupErrorRecord
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.record import LEFT_OUT, Estimate, Estimates, ResultRecord, at, estimates, rows
 from tumblecal.lab.sensor_terms import terms_of_chain

@@ -17,7 +17,7 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.prior import log_prior
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.plausibility import Implausible
-from tumblecal.estimation.setup_error import SetupError
+from tumblecal.estimation.setup.error import SetupError
 from tumblecal.full_model.evidence import ROUNDING
 
 

@@ -61,7 +61,7 @@ def continued(data: PositionSet) -> Conditions:
     after = time = None
     step = slope = 0.0
     if data.time_s is not None:
-        clock = np.asarray(data.clock or ("1",) * len(data))
+        clock = np.asarray(data.labels("clock"))
         rows = rows[clock == clock[-1]]
         rows = rows[np.argsort(data.time_s[rows], kind="stable")]
         after = step = float(np.median(np.diff(data.time_s[rows]))) if len(rows) > 1 else 0.0

@@ -34,7 +34,7 @@ def joined_settings(problem: Problem, spots: Sequence[NextPosition]) -> tuple[Wh
     distance = np.abs(np.degrees(where.pitch_angle) - beta[:, None])
     another = pitch.max() + 1 + np.unique(beta, return_inverse=True)[1]
     new_pitch = np.where(distance.min(axis=1) < _SAME_ANGLE_DEG, pitch[np.argmin(distance, axis=1)], another)
-    run, mount, clock = (given or ("1",) * len(data) for given in (data.run, data.mount, data.clock))
+    run, mount, clock = map(data.labels, ("run", "mount", "clock"))
     joined = settings(
         np.zeros(len(data) + more),
         np.zeros(len(data) + more),

@@ -99,7 +99,7 @@ def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list
 
 def reversed_run(data: PositionSet, allowed: Allowed) -> list[NextPosition]:
     """All positions of the last run and mounting again, the last one first; none if they are many or may not be set again."""
-    groups = list(zip(data.run or ("1",) * len(data), data.mount or ("1",) * len(data), strict=True))
+    groups = list(zip(data.labels("run"), data.labels("mount"), strict=True))
     rows = [k for k in reversed(range(len(data))) if groups[k] == groups[-1]]
     usable = [
         given is None or np.all(np.any(np.isclose(given, angle[rows][:, None]), axis=1))

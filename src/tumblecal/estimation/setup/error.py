@@ -1,5 +1,6 @@
 """An error in the set-up of a measurement, as it is reported."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from tumblecal.data import PositionSet
 from tumblecal.estimation.fit import Fit
+from tumblecal.ground.counted import shortened
 from tumblecal.ground.record import ResultRecord, at, by_name
 
 
@@ -42,6 +44,11 @@ class SetupErrorRecord(ResultRecord):
     id: str = at("label")
     words: str
     equal: list[Annotated[EqualErrorRecord, by_name(("id", "words"))]]
+
+
+def named(data: PositionSet, rows: Sequence[int] | np.ndarray) -> str:
+    """The names of positions in a message, at most six."""
+    return shortened([data.names[row] for row in rows], 6)
 
 
 # The fit undoes a correction if the fitted pitch error leaves less than this share of it.
