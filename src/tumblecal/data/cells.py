@@ -5,7 +5,6 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tumblecal.ground.decimal_marks import evidence_of, pointed
 from tumblecal.ground.formula_cells import from_text
 from tumblecal.ground.text_file import shown
 
@@ -84,15 +83,10 @@ def unit_advice(text: str) -> str:
 
 
 def mark_advice(text: str) -> str:
-    """Remedy for a number with an ambiguous comma; "" for other texts."""
-    text = text.strip()
-    evidence = evidence_of(text)
-    plain = pointed(text, evidence.decimal or ".").rstrip(".")
-    if evidence.grouped:
-        return f"the {'point' if evidence.decimal == ',' else 'comma'} is a thousands separator; write {plain}"
-    if evidence.either != ",":
-        return "use a decimal point" if "," in text else ""
-    return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {pointed(text, ',')}"
+    """Remedy for a number with another decimal mark, or with separated thousands; "" for other texts."""
+    return (
+        "use a decimal point, and separate no thousands" if re.fullmatch(r"[+-]?[\d.,]*\d[\d.,]*", text.strip()) else ""
+    )
 
 
 def beyond_words(name: str, value: float) -> str:

@@ -88,7 +88,7 @@ def layout_of_lines(path: Path, beginning: Lines, comments: Lines = ()) -> TextL
         raise InputError(f"{path}: no header line; the first line names the columns")
 
     def layout(names: Sequence[str], separator: str, header_line: int, first_line: int) -> TextLayout:
-        return TextLayout(path, tuple(names), separator, ("",) * len(names), header_line, first_line)
+        return TextLayout(path, tuple(names), separator, header_line, first_line)
 
     line, text = beginning[0]
     for number, comment in reversed([comment for comment in comments if comment[0] < line]):

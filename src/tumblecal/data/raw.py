@@ -16,10 +16,10 @@ from tumblecal.data.cells import ABSOLUTE_ZERO_DEGC, beyond_words, is_empty, mar
 from tumblecal.data.files import stated_once
 from tumblecal.data.named_layout import layout_of_lines, named_layout, repeated, row_words
 from tumblecal.data.parquet import parquet_pieces, scan_parquet
-from tumblecal.data.table import DIFFERENT_UNITS, THOUSANDS, Table, axis_columns
+from tumblecal.data.table import DIFFERENT_UNITS, axis_columns
 from tumblecal.data.text_layout import ROW, TextLayout
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.decimal_marks import OTHER, either_words, may_be_thousands, number_of
+from tumblecal.ground.decimal_marks import has_decimal_comma, number_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
 from tumblecal.ground.text_file import comment_in, is_blank, line_in, opened, shown
@@ -40,8 +40,8 @@ class Raw:
 
     `frame`: unconverted cells. `readings`: in g, from `columns`, whose unit is `to_g`. `comments`: values of the comment
     `lines`. `gravity`: one g of the readings, None if not stated. `before`: number of earlier rows of the file. For text:
-    `layout`; `decimal`, the decimal mark, None if no cell shows it; `places`, the line of each row. `row_word`: word for a
-    row in messages.
+    `layout`; `decimal_comma`, whether the numbers have one; `places`, the line of each row. `row_word`: word for a row in
+    messages.
     """
 
     path: Path
@@ -55,7 +55,7 @@ class Raw:
     before: int = 0
     layout: TextLayout | None = None
     places: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
-    decimal: str | None = "."
+    decimal_comma: bool = False
     row_word: str = "row"
 
     def with_rows(self, frame: "pl.DataFrame", before: int = 0) -> "Raw":
@@ -121,11 +121,7 @@ class Raw:
 
         if column.dtype != pl.String:
             return column.cast(pl.Float64, strict=False)
-        commas = self.layout is None or self.layout.separator == ","
-        marks = "." if commas or self.decimal is None else self.decimal + OTHER[self.decimal]
-        # If no cell shows the mark, it is a point, and readings with a possible thousands separator are rejected.
-        doubt = THOUSANDS.get(column.name, "") if self.decimal is None and column.name.endswith("_mg") else ""
-        return column.to_frame().select(number_of(column.name, marks, sure=True, either=doubt)).to_series()
+        return number_of(column, commas=self.decimal_comma)
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
@@ -163,13 +159,10 @@ class Raw:
 
     def _wrong(self, cell: object) -> str:
         """Fault of a cell that is not a finite number."""
-        commas = self.layout is None or self.layout.separator == ","
-        if isinstance(cell, str) and not commas and may_be_thousands(cell, self.decimal):
-            return either_words(cell.strip(), self.decimal)
         if cell is None or (isinstance(cell, str) and not cell.strip()):
             return "the cell is empty; write a number or remove the row"
         text = cell if isinstance(cell, str) else ""
-        cure = unit_advice(text) or (mark_advice(text) if self.decimal != "," else "")
+        cure = unit_advice(text) or mark_advice(text).replace("point", "comma" if self.decimal_comma else "point")
         return f"{shown(cell)} is not a finite number; {cure or 'remove the row'}"
 
     def temperature_degc(self) -> Float[np.ndarray, " rows"] | None:
@@ -219,7 +212,7 @@ def _opened_text(path: Path) -> tuple[Raw, Callable[[], Iterator["pl.DataFrame"]
     header = header_of(path, empty, stated_once(path, comments), [text for _, text in comments])
     if layout.separator == ",":
         # Readings separated by commas have decimal points.
-        layout = replace(layout, marks=tuple("." if name in header.columns else "" for name in layout.names))
+        layout = replace(layout, numeric=frozenset(header.columns))
         empty = empty.cast(dict.fromkeys(header.columns, pl.Float64))
     header = replace(header, frame=empty, layout=layout, row_word="line")
 
@@ -230,12 +223,9 @@ def _opened_text(path: Path) -> tuple[Raw, Callable[[], Iterator["pl.DataFrame"]
         yield empty.with_columns(pl.Series(ROW, [], pl.Int64))
         yield from layout.frames(layout.names, longer=longer)
 
-    if layout.separator == ",":
-        return header, frames
-    first = pl.concat([piece.head(_SEEN_ROWS) for piece in islice(frames(), 2)])
-    seen = {name: first[name].to_list() for name in header.columns}
-    table = Table(str(path), seen, first[ROW].to_list(), {})
-    return replace(header, decimal=table.marked(header.columns).decimal_mark()), frames
+    seen = pl.concat([piece.head(_SEEN_ROWS) for piece in islice(frames(), 2)]) if layout.separator != "," else empty
+    commas = any(has_decimal_comma(cell) for name in header.columns for cell in seen[name])
+    return replace(header, decimal_comma=commas), frames
 
 
 def header_of(path: Path, empty: "pl.DataFrame", comments: dict[str, str], lines: Sequence[str] = ()) -> Raw:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from tumblecal.data.cells import labels_in
 from tumblecal.data.faults import Faults
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.decimal_marks import MarkedColumns
+from tumblecal.ground.decimal_marks import has_decimal_comma, pointed
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
 from tumblecal.ground.text_file import shown
@@ -20,8 +20,6 @@ READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
 DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
 # Fault of three axes with different units.
 DIFFERENT_UNITS = "are in different units; give the three axes in one unit"
-# Patterns of cells that may be above a thousand: 100 g is not a possible reading.
-THOUSANDS = {"time_s": ".*", "n": ".*", **dict.fromkeys(("ax_mg", "ay_mg", "az_mg"), r"[+-]?[1-9]\d?[.,]\d{3}")}
 KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
 
 
@@ -42,26 +40,25 @@ class Table:
         """The name of a cell in messages."""
         return f"{self.source}:{self.row_word} {self.lines[row]}, column {column}"
 
-    def marked(self, names: Iterable[str]) -> MarkedColumns:
-        """Columns of numbers with an unknown decimal mark."""
-        return MarkedColumns(
-            {name: self.columns[name] for name in names},
-            THOUSANDS,
-            self.source,
-            lambda row, name: f"{self.row_word} {self.lines[row]}, column {name}",
-        )
-
     def with_points(self) -> "Table":
-        """The table with decimal points and without thousands separators; a table with commas as separators is unchanged.
+        """The table with decimal points. If it is not separated by commas, a comma in a number is decimal.
 
-        **Raises:** `InputError` naming two cells with different marks, or each cell with an ambiguous mark.
+        **Raises:** `InputError` naming each number with a point in a table with decimal commas.
         """
-        if self.separator == ",":
+        numbers = {name: cells for name, cells in self.columns.items() if name in KNOWN and name not in LABELS}
+        written = ((name, row) for name, cells in numbers.items() for row in range(len(cells)))
+        first = next((place for place in written if has_decimal_comma(numbers[place[0]][place[1]])), None)
+        if self.separator == "," or first is None:
             return self
-        faults = Faults(self.source)
-        plain = self.marked(name for name in self.columns if name in KNOWN and name not in LABELS).with_points(
-            lambda row, name, words: faults.add(words, f":{self.row_word} {self.lines[row]}", name)
-        )
+        name, row = first
+        other = f"{numbers[name][row]!r} ({self.row_word} {self.lines[row]}, column {name}) has a decimal comma"
+        faults, plain = Faults(self.source), dict[str, Sequence[object]]()
+        for name, cells in numbers.items():
+            for row, cell in enumerate(cells):
+                if isinstance(cell, str) and "." in cell:
+                    words = f"{cell!r} has a point, but {other}; use one decimal mark, and separate no thousands"
+                    faults.add(words, f":{self.row_word} {self.lines[row]}", name)
+            plain[name] = [pointed(cell) if isinstance(cell, str) else cell for cell in cells]
         faults.stop()
         return replace(self, columns={**self.columns, **plain})
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.ground.decimal_marks import NUMBER, number_of
+from tumblecal.ground.decimal_marks import NUMBER
 from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, is_blank, opened, plain_ends
 
 
@@ -179,27 +179,19 @@ def unquoted(text: bytes, separator: bytes) -> bytes:
     return b"".join(parts)
 
 
-def frame_of(piece: bytes, separator: str, marks: Sequence[str]) -> "pl.DataFrame":
+def frame_of(piece: bytes, separator: str, numeric: Sequence[bool]) -> "pl.DataFrame":
     """The rows of complete lines: columns c0, c1 ... and `more`, which is null unless a line has too many cells.
 
     **Arguments:**
 
-    - `piece`: lines that end in line feeds.
-    - `marks`: decimal mark of each column; empty for words. Numbers with other marks are null.
+    - `piece`: lines that end in line feeds. `numeric`: whether the cells of each column become numbers.
     """
     import polars as pl
 
-    comma = QUOTED_SEPARATOR if separator == "," else ","
-    piece = unquoted(piece, separator.encode())
-    # If all numbers have one mark and the other does not occur, polars reads them directly.
-    decimals = {mark[:1] for mark in marks}
-    direct = comma.encode() not in piece if decimals <= {".", ""} else decimals == {","} and b"." not in piece
-    if direct and decimals == {","}:
-        piece = piece.replace(comma.encode(), b".")
-    piece = _parted(piece, separator, words=not all(marks))
+    piece = _parted(unquoted(piece, separator.encode()), separator, words=not all(numeric))
     # A line with one cell too many, so that such lines are detected.
-    full = separator.join(["0"] * (len(marks) + 1)).encode() + b"\n"
-    schema = {f"c{k}": pl.Float64 if mark and direct else pl.String for k, mark in enumerate(marks)}
+    full = separator.join(["0"] * (len(numeric) + 1)).encode() + b"\n"
+    schema = {f"c{k}": pl.Float64 if number else pl.String for k, number in enumerate(numeric)}
     frame = pl.read_csv(
         full + piece,
         has_header=False,
@@ -213,7 +205,7 @@ def frame_of(piece: bytes, separator: str, marks: Sequence[str]) -> "pl.DataFram
     for placeholder, text in ((QUOTED_SEPARATOR, separator), (QUOTED_END, "\n")):
         if placeholder.encode() in piece:
             frame = frame.with_columns(pl.col(pl.String).str.replace_all(placeholder, text, literal=True))
-    return frame if direct else frame.with_columns(number_of(f"c{k}", mark) for k, mark in enumerate(marks) if mark)
+    return frame
 
 
 def _parted(piece: bytes, separator: str, *, words: bool) -> bytes:

@@ -35,7 +35,7 @@ class TextLayout:
     **Arguments:**
 
     - `names`: of the columns. `separator`: between cells; a space means any blanks.
-    - `marks`: the decimal mark of each column and, if there is one, the mark of thousands; empty for a column of words.
+    - `numeric`: columns whose cells become numbers, with decimal points; null for other cells.
     - `header_line`: the line of the names, None if no line has them; `first_line`: that of the first row, both from 1.
     - `form`: conversion of lines with words around their numbers.
     """
@@ -43,21 +43,15 @@ class TextLayout:
     path: Path
     names: tuple[str, ...]
     separator: str
-    marks: tuple[str, ...]
     header_line: int | None
     first_line: int
     form: LineForm | None = None
-
-    @property
-    def decimal(self) -> str:
-        """The decimal mark of the numbers."""
-        return "," if any(mark[:1] == "," for mark in self.marks) else "."
+    numeric: frozenset[str] = frozenset()
 
     def words(self) -> str:
         """The layout in words."""
         between = f"separated by {SEPARATORS[self.separator]}" if self.separator in SEPARATORS else "between words"
         words = f"text, {len(self.names)} columns {between}"
-        words += ", decimal comma" if self.decimal == "," else ""
         return words + (f", first row in line {self.first_line}" if self.first_line > 1 else ", no header line")
 
     def pieces(self) -> Iterator[tuple[int, bytes]]:
@@ -86,7 +80,7 @@ class TextLayout:
 
         for line, piece in self.pieces():
             check(piece)
-            frame = frame_of(piece, self.separator, self.marks)
+            frame = frame_of(piece, self.separator, [name in self.numeric for name in self.names])
             more = frame["more"].is_not_null()
             cells = [pl.col(f"c{self.names.index(name)}").alias(name) for name in names]
             are_rows = row_lines(piece)

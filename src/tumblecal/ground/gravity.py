@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tumblecal.ground.decimal_marks import evidence_of, pointed, without_decimal_comma
+from tumblecal.ground.decimal_marks import has_decimal_comma, pointed, without_decimal_comma
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -76,9 +76,9 @@ def stated_gravity(comments: Mapping[str, str], file: str) -> Gravity | None:
     try:
         value = float(text)
     except ValueError:
-        if evidence_of(text).decimal == ",":
+        if has_decimal_comma(text):
             raise InputError(
-                f"{file}: comment {VALUE_KEY}: {shown(text)} has a decimal comma; write {pointed(text, ',')}"
+                f"{file}: comment {VALUE_KEY}: {shown(text)} has a decimal comma; write {pointed(text)}"
             ) from None
         value = math.nan
     return checked_gravity(value, comments.get(SOURCE_KEY) or "stated", f"{file}: comment {VALUE_KEY}", text)

@@ -14,11 +14,11 @@ from tumblecal.data.position_comments import serial_number_of
 from tumblecal.data.raw import CORRECTED_BY, Raw
 from tumblecal.data.reading_checks import ReadingChecks
 from tumblecal.data.text_layout import ROW
+from tumblecal.ground.decimal_marks import DECIMAL_COMMA
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
 from tumblecal.recordings.correction.outside_range import OutsideRange
 from tumblecal.recordings.correction.uncorrected import Uncorrected
-from tumblecal.recordings.formats.text import DECIMAL_COMMA
 from tumblecal.recordings.rows import SOURCE_COLUMNS, WHOLE
 
 

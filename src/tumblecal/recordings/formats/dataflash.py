@@ -174,7 +174,7 @@ def _text_table(source: Source, name: bytes, fields: list[bytes], instance: byte
     names, title = tuple(map(bytes.decode, fields)), name.decode()
     others = b"^(?!%s).*$" % _message(name, fields, instance)[1:]
     form = LineForm(re.compile(b"^%s, *" % name, re.MULTILINE), b"", names, re.compile(others, re.MULTILINE))
-    layout = TextLayout(source.path, names, ",", ("",) * len(names), None, 1, form)
+    layout = TextLayout(source.path, names, ",", None, 1, form)
     stated = ardupilot_correction(enabled, int(instance) if instance else instance_of(title))
     return text_table(source, layout, stated, f"{title}[{instance.decode()}]" if instance else title, ROLES)
 

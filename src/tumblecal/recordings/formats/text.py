@@ -13,6 +13,7 @@ from tumblecal.data.line_form import FORM_SEPARATOR, clock_form, has_words, with
 from tumblecal.data.text_cells import cells_of, numbers_in, row_of, separator_of
 from tumblecal.data.text_layout import SEPARATORS, TextLayout
 from tumblecal.ground.counted import counted
+from tumblecal.ground.decimal_marks import DECIMAL_COMMA
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import comment_in, is_utf16, opened, shown
 from tumblecal.recordings.formats.text_layouts import header_of, kinds_of, layout_of_kind, statements_in
@@ -24,8 +25,6 @@ _HEAD, _LINES, _FEWEST_LINES, _TEXT_SHARE = 1 << 16, 200, 2, 0.95
 _MOMENT = r"\d{10}(\.\d*)?"
 # A cell without a number, as loggers write it.
 _MISSING = re.compile(r"^(\W{0,3}|nan|null|none|n/?a)$", re.IGNORECASE)
-# A number with a decimal comma, in two parts.
-DECIMAL_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
 
 
 def _is_text(path: Path, head: bytes) -> bool:
@@ -108,7 +107,7 @@ def _read(source: Source) -> list[Table]:
     time, rate, *_ = [*({*row} for row in rows[first : first + 2]), set(), set()]
     if header is None and len(time) == len(rate) == 1 and re.fullmatch(_MOMENT, *time):
         statements, first = statements | {"rate_hz": rate.pop()}, first + 2
-    layout = TextLayout(path, names, separator, ("",) * len(names), header, (header or first) + 1, clock)
+    layout = TextLayout(path, names, separator, header, (header or first) + 1, clock)
     return [text_table(source, layout, statements)]
 
 
@@ -148,7 +147,7 @@ def text_table(
 def _of_form(source: Source, written: Sequence[str], form, name: str) -> Table:
     """A table of lines with words around their numbers."""
     first = next(k for k, line in enumerate(written) if form.pattern.match(line.encode()))
-    layout = TextLayout(source.path, form.names, FORM_SEPARATOR, ("",) * len(form.names), None, first + 1, form)
+    layout = TextLayout(source.path, form.names, FORM_SEPARATOR, None, first + 1, form)
     return text_table(source, layout, statements_in(written[:first], FORM_SEPARATOR), name)
 
 
@@ -162,7 +161,7 @@ def _of_axes(source: Source, rows: Sequence[list[str]], separator: str) -> Table
     if len(axes) != 1 or not values or numbers_in(names):
         return None
     header = rows.index(names) + 1
-    layout = TextLayout(source.path, tuple(names), separator, ("",) * len(names), header, header + 1)
+    layout = TextLayout(source.path, tuple(names), separator, header, header + 1)
     keys = [name for name in names if name not in (axes[0], values[-1])]
     frame = pl.concat(layout.frames(names)).with_columns(pl.col(axes).str.to_lowercase())
     wide = frame.pivot(on=axes, index=keys, values=values[-1], aggregate_function="first")

@@ -154,5 +154,5 @@ def layout_of_kind(path: Path, written: Sequence[str], kind: str, separator: str
     others = re.compile(rb"^(?!" + begin + rb").*$", re.MULTILINE)
     form = LineForm(re.compile(rb"^" + begin, re.MULTILINE), b"", (), others)
     names = with_line_of_units(above[0], above[1] if len(above) > 1 else ())
-    layout = TextLayout(path, names, separator, ("",) * width, None, first + 1, form)
+    layout = TextLayout(path, names, separator, None, first + 1, form)
     return layout, statements_in(written[:first], separator)
