@@ -203,7 +203,7 @@ class _Rows(NamedTuple):
         variance = variance + tilt[:, None] ** 2 * self.of_tilt
         # By the triangle of an orthogonal decomposition: the normal equations are singular where tilts hide a parameter.
         rows = np.column_stack([self.design, self.residual]) / np.sqrt(variance)[:, :, None]
-        triangle, count = np.linalg.qr(rows, mode="r"), self.design.shape[1]
+        triangle, count = np.asarray(np.linalg.qr(rows, mode="r")), self.design.shape[1]
         log_pivots = np.log(np.abs(np.diagonal(triangle[:, :count, :count], axis1=1, axis2=2)))
         remaining = np.sum(triangle[:, count:, count] ** 2, axis=1)
         return -0.5 * (np.sum(np.log(variance), axis=1) + 2 * np.sum(log_pivots, axis=1) + remaining)

@@ -46,17 +46,22 @@ FAR_SMALLER = 0.4
 class Place(NamedTuple):
     """Rows that may have an error of their own: those of a mounting or of a run of it, and of a pitch setting in these.
 
-    - `part`: the run in words. `level`: the setting, deg; None for all settings.
+    - `part`: the run in words. `level`: the setting, deg; NaN for all settings.
     """
 
     part: str
     rows: Bool[np.ndarray, " positions"]
-    level: float | None = None
+    level: float = np.nan
+
+    @property
+    def of_setting(self) -> bool:
+        """Whether it is one pitch setting."""
+        return not np.isnan(self.level)
 
     @property
     def words(self) -> str:
         """The place after the words of an error."""
-        return self.part if self.level is None else f" at beta {self.level:g} deg{self.part}"
+        return f" at beta {self.level:g} deg{self.part}" if self.of_setting else self.part
 
 
 @dataclass(frozen=True)
@@ -233,12 +238,11 @@ class Mounting:
 
     def moved(self, place: Place, label: str, words: str, alpha=None, beta=None) -> Hypothesis:
         """A hypothesis with other angles (deg) in the rows of a place."""
-        written = self.data.alpha_deg, self.data.beta_deg
-        angles = (
+        alpha_deg, beta_deg = (
             own if other is None else np.where(place.rows, other, own)
-            for own, other in zip(written, (alpha, beta), strict=True)
+            for own, other in ((self.data.alpha_deg, alpha), (self.data.beta_deg, beta))
         )
-        return Hypothesis(label, words, *angles)
+        return Hypothesis(label, words, alpha_deg, beta_deg)
 
     def nearest(self, at: Callable[[float], Hypothesis], angle: float, *grids: np.ndarray) -> float:
         """The angle (deg) of the least misfit: on each grid, then in steps of one degree about it."""
@@ -272,7 +276,7 @@ def scale_errors(mounting: Mounting) -> Iterator[Hypothesis]:
 
 
 def _mislabelled(mounting: Mounting, place: Place) -> Iterator[Hypothesis]:
-    if place.level is None:
+    if not place.of_setting:
         return
     from_nominal = mounting.data.beta_deg - mounting.data.pitch_setting_deg
 
@@ -294,13 +298,13 @@ def _index_offset(mounting: Mounting, place: Place) -> Iterator[Hypothesis]:
         offset -= 360.0 * np.round(offset / 360.0)
         words = f"the spindle was {offset:+g} deg from the recorded angles{place.words}"
         turned = f"the triad is turned {offset:g} deg about x in its fixture{place.words}"
-        equal = (("triad_turned", turned),) if place.level is None else ()
+        equal = () if place.of_setting else (("triad_turned", turned),)
         return replace(mounting.moved(place, "index_offset", words, alpha + offset), equal=equal)
 
     holes = np.unique(np.round(np.subtract.outer(np.unique(alpha), np.unique(alpha)) % 360.0, 3))[:_MOST_HOLES]
     offset = mounting.nearest(at, 0.0, holes, np.arange(0.0, 360.0, 5.0))
     if abs(offset - 360.0 * np.round(offset / 360.0)) >= (
-        _MOST_TURNED_DEG if place.level is None else _LEAST_INDEX_DEG
+        _LEAST_INDEX_DEG if place.of_setting else _MOST_TURNED_DEG
     ):
         yield at(offset)
 
