@@ -5,7 +5,7 @@ from datetime import datetime
 import numpy as np
 import polars as pl
 import pytest
-from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
+from recordings_made import ATTITUDES, G, hdf5, imu_columns, made, ros1_bag, ros2_bag, text, ulog
 
 import tumblecal.recordings.table as formats
 from tumblecal.capture.decoding.samples import Settings, blank
@@ -33,17 +33,6 @@ def expected(s, tmp_path_factory):
     data = reduced([path], KnownContext(static=True)).data
     assert len(data) == len(ATTITUDES)
     return data
-
-
-def _hdf5(path, s, *, matlab=False):
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w", userblock_size=512 if matlab else 0) as file:
-        for name, values in imu_columns(s).items():
-            file[f"imu/{name}"] = values[None] if matlab else values
-    if matlab:
-        with path.open("r+b") as file:
-            file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-    return path
 
 
 def _mat(path, s):
@@ -86,8 +75,8 @@ MADE = {
         | {"gyro_unit": "16.4/dps"},
     ),
     "log.mat": (_mat, {"gyro_unit": "rad/s"}),
-    "log73.mat": (lambda p, s: _hdf5(p, s, matlab=True), {}),
-    "log.h5": (_hdf5, {}),
+    "log73.mat": (lambda p, s: hdf5(p, imu_columns(s), matlab=True), {}),
+    "log.h5": (lambda p, s: hdf5(p, imu_columns(s)), {}),
     "one.bag": (ros1_bag, {}),
     "two": (lambda p, s: ros2_bag(p, s, mcap=False), {}),
     "three": (lambda p, s: next(ros2_bag(p, s, mcap=True).glob("*.mcap")), {}),
