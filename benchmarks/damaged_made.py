@@ -136,7 +136,7 @@ def mimu() -> bytes:
 def ros1_bag() -> bytes:
     """A ROS 1 bag with an IMU."""
     with TemporaryDirectory() as folder:
-        return write_ros1_bag(Path(folder) / "log.bag", "/imu", *_motion()).read_bytes()
+        return write_ros1_bag(Path(folder) / "log.bag", "/imu", *motion()).read_bytes()
 
 
 def write_ros1_bag(path: Path, topic: str, time_s: np.ndarray, force: np.ndarray, rate: np.ndarray) -> Path:
@@ -167,12 +167,12 @@ def ros2_folder(*, mcap: bool) -> dict[str, bytes]:
         path = Path(folder) / "log"
         with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3) as bag:
             connection = bag.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
-            for stamp, message in imu_messages(store, *_motion()):
+            for stamp, message in imu_messages(store, *motion()):
                 bag.write(connection, stamp, store.serialize_cdr(message, "sensor_msgs/msg/Imu"))
         return {f"log/{own.name}": own.read_bytes() for own in path.iterdir()}
 
 
-def _motion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def motion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time, force and rate of the samples; they are at rest."""
     own = samples()
     force = np.stack([own[f"acc_{axis}"] for axis in "xyz"], axis=1)
@@ -261,11 +261,11 @@ def position_rows() -> dict[str, list]:
     return rows | {f"a{axis}_g": np.round(force[:, k], 6).tolist() for k, axis in enumerate("xyz")}
 
 
-def positions(separator: str = ",", ends: str = "\n") -> bytes:
+def positions(separator: str = ",", ends: str = "\n", number: str = "{:.6f}", one_g: float = 1.0) -> bytes:
     """A position file."""
     rows = position_rows()
     cells = [
-        [f"{cell:.6f}" if isinstance(cell, float) else str(cell) for cell in row]
+        [number.format(one_g * cell) if isinstance(cell, float) else str(cell) for cell in row]
         for row in zip(*rows.values(), strict=True)
     ]
     return ends.join([separator.join(rows), *map(separator.join, cells), ""]).encode()
@@ -273,13 +273,8 @@ def positions(separator: str = ",", ends: str = "\n") -> bytes:
 
 def positions_ms2() -> bytes:
     """The same in m/s^2."""
-    rows = position_rows()
-    own = zip(*(rows[name] for name in ("position", "alpha_deg", "beta_deg")), strict=True)
-    force = zip(*(rows[f"a{axis}_g"] for axis in "xyz"), strict=True)
-    lines = ["# gravity_ms2: 9.8123", "position,alpha_deg,beta_deg,ax_ms2,ay_ms2,az_ms2"]
-    for (name, alpha, beta), values in zip(own, force, strict=True):
-        lines.append(f"{name},{alpha},{beta},{','.join(f'{9.8123 * value:.5f}' for value in values)}")
-    return ("\n".join(lines) + "\n").encode()
+    content = positions(number="{:.5f}", one_g=9.8123).replace(b"_g", b"_ms2")
+    return b"# gravity_ms2: 9.8123\n" + content
 
 
 def table_of_samples() -> bytes:

@@ -12,7 +12,7 @@ from tumblecal.budget.budget import budget_of
 from tumblecal.budget.columns import sensitivity_to_readings
 from tumblecal.budget.monte_carlo import monte_carlo
 from tumblecal.chain.considered import Considered
-from tumblecal.data import PositionSet, write_positions
+from tumblecal.data import write_positions
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.noise.covariance import Covariance
@@ -45,12 +45,6 @@ def lab(stated):
     return budget_of(stated, considered(), ENTRIES, "lab.toml")
 
 
-def turned(data, readings):
-    """Table 1 with other readings."""
-    own = {name: getattr(data, name) for name in ("names", "alpha_deg", "beta_deg", "comments", "source")}
-    return PositionSet(readings=readings, **own)
-
-
 def test_each_shift_is_that_of_a_fit_to_changed_readings(table1, stated, lab):
     """The readings are changed here, by the physics of each input; only the fit is the program's."""
     truth = stated.values
@@ -73,7 +67,8 @@ def test_each_shift_is_that_of_a_fit_to_changed_readings(table1, stated, lab):
 
     def moved(**change):
         changed, before = (
-            exact.fit(problem_of(turned(table1, readings(**own)), noise_sd=0.1e-3)).values for own in (change, {})
+            exact.fit(problem_of(replace(table1, readings=readings(**own)), noise_sd=0.1e-3)).values
+            for own in (change, {})
         )
         return changed - before
 

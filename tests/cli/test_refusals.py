@@ -122,12 +122,15 @@ REFUSED: dict[str, tuple[str | bytes, str, str]] = {
     "history: files of nothing": ("", "history h.db paper --files 9 --out o", "not a result of unit paper"),
     "diagnose: two noises": ("", "diagnose good.csv --samples s.csv --noise-sd 1mg", "both state the noise"),
     "diagnose: samples of two": ("", "diagnose good.csv g.csv --samples s.csv", "--samples is for one position file"),
+    "import: ULog": (b"ULog\x01\x12\x35\x01" + bytes(range(256)) * 8, "import f.ulg --out x.csv", "f.ulg: "),
+    "import: ROS bag": (b"#ROSBAG V2.0\n" + bytes(range(256)) * 8, "import f.bag --out x.csv", "f.bag: "),
+    "import: Parquet": (b"PAR1" + bytes(range(256)) * 8, "import f.parquet --out x.csv", "f.parquet: not a complete Parquet"),
     "import: PDF": (b"%PDF-1.7\n" + bytes(99), "import f.pdf --out x.csv", "f.pdf: this is a PDF"),
     "decode: nothing": (b"", "decode f.bin --out x.csv", "is empty"),
     "decode: noise": (bytes(range(256)) * 20, "decode f.bin --out x.csv", "no protocol fits these bytes"),
     "decode: into a text": (b"x", "decode f.bin --out x.txt", "must end in .csv or .parquet"),
     "sniff: nothing": (b"", "sniff f.bin", "the file is empty"),
-    "sniff: unknown": (bytes(range(256)) * 9, "sniff f.bin", "unknown protocol"),
+    "sniff: unknown": (bytes(range(256)) * 9, "sniff f.bin", "unknown protocol in the first megabyte"),
     "a value with a sign": ("", "calibrate good.csv --noise-sd -1mg", "is written --option=-1mg"),
     "control characters": ("", "calibrate 'a\nb'", "has control characters; rename it"),
 }  # fmt: skip
@@ -139,13 +142,12 @@ ROWS = [
     for n, (a, y, z) in enumerate(((0, 0, r), (90, r, 0), (180, 0, -r), (270, -r, 0)))
 ]
 LAB = 'schema = "tumblecal.budget/1"\n[considered.a]\nwhat = "base_levelling"\nsize = "1 mrad"\n'
-UNIT = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
 def calibration(**changed) -> str:
     content = {
         "schema": "tumblecal.calibration/1",
-        "matrix": UNIT,
+        "matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
         "bias": [0, 0, 0],
         "covariance": [[1e-12 * (i == k) for k in range(12)] for i in range(12)],
         "serial_number": "A1",

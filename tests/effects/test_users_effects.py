@@ -39,10 +39,6 @@ def values_of(chain, **values):
     return alpha, beta, np.asarray(made.named(values)(where))
 
 
-def perfect(alpha, beta):
-    return independent.specific_force(alpha, beta)
-
-
 @pytest.mark.parametrize("text", EXAMPLES, ids=lambda text: text.split('"')[1])
 def test_the_documents_examples_work(written, text):
     entries = catalogue(written(text))
@@ -52,7 +48,7 @@ def test_the_documents_examples_work(written, text):
 def test_an_output_effect_does_what_it_says(written):
     make = catalogue(written(EXAMPLES[0]))["fourth_order.y"].make
     alpha, beta, readings = values_of(make, **{"fourth_order.y": 2e-3})
-    v = perfect(alpha, beta)
+    v = independent.specific_force(alpha, beta)
     np.testing.assert_allclose(readings, v + 2e-3 * v[:, 1:2] ** 4 * [0, 1, 0], atol=1e-14)
 
 
@@ -69,7 +65,7 @@ def test_an_angle_effect_equals_the_blind_instrument(written):
 def test_a_link_of_ones_own(written):
     make = catalogue(written(next(text for text in EXAMPLES if "(Link)" in text)))["fixture_twist"].make
     alpha, beta, readings = values_of(make, fixture_twist=5e-3)
-    v = perfect(alpha, beta)
+    v = independent.specific_force(alpha, beta)
     turned = np.stack([independent.passive("z", 5e-3 * one[0]).apply(one) for one in v])
     np.testing.assert_allclose(readings, turned, atol=1e-14)
 
@@ -101,7 +97,7 @@ def test_a_term_may_look_back_where_that_is_said(written):
         catalogue(written(text))
     make = catalogue(written(text.replace("unit=", "looks_back=True, unit=")))["fifth.y"].make
     alpha, beta, readings = values_of(make, **{"fifth.y": 2e-3})
-    v = perfect(alpha, beta)
+    v = independent.specific_force(alpha, beta)
     before = np.vstack([v[:1], v[:-1]])
     np.testing.assert_allclose(readings, v + 2e-3 * (before - v) * [0, 1, 0], atol=1e-14)
 

@@ -2,22 +2,16 @@
 
 import hashlib
 import re
-import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pages import ROOT, blocks, run_example
 from tumblecal.data.calibration import read_calibration
 
 
-ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "thermal.md").read_text(encoding="utf-8")
 BIAS = np.array([[0.1e-3, 0, 1e-7], [-0.05e-3, 0, -6e-8], [0.2e-3, 0, 8e-8]])  # of the page: g/degC, g/degC^2, g/degC^3
-
-
-def blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.S | re.M)
 
 
 @pytest.fixture(scope="module")
@@ -31,18 +25,14 @@ def example(folder, tumblecal, monkeypatch):
     monkeypatch.chdir(folder)
     if not Path("printed").exists():
         Path("configs").symlink_to(ROOT / "configs")
-        (program,) = blocks("python")
-        exec(compile(program, "thermal.md", "exec"), {})
-        outcome = tumblecal(*shlex.split(blocks("sh")[0])[1:])
-        assert outcome.code == 0, outcome.lines
-        Path("printed").write_text(outcome.out, encoding="utf-8")
+        Path("printed").write_text(run_example("thermal", tumblecal), encoding="utf-8")
     return folder
 
 
 @pytest.mark.long
 def test_the_page_s_example_prints_its_lines_and_finds_the_bias(example):
     printed = (example / "printed").read_text(encoding="utf-8")
-    (text,) = blocks("text")
+    (text,) = blocks("thermal", "text")
     assert text in printed
     # Equal layouts and equal findings are printed once.
     assert printed.count("columns: ax=ax_g") == 1 and printed.count("0 soaks") == 1
