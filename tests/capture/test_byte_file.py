@@ -36,6 +36,8 @@ def test_decoding_files(tmp_path: Path) -> None:
     assert decode_file(tmp_path / "a.bin", "stim300", stated=Stated(range_g=10.0)).samples == 300
     with pytest.raises(InputError, match="range of stim300; its ranges: 5, 10, 30, 80"):
         decode_file(tmp_path / "a.bin", stated=Stated(range_g=11.0))
+    with pytest.raises(InputError, match=r"must end in \.csv or \.parquet"):
+        decode_file(tmp_path / "a.bin", out=tmp_path / "a.txt")
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

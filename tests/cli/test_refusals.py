@@ -119,6 +119,7 @@ REFUSED: dict[str, tuple[str | bytes, str, str]] = {
     "history: check of a unit": ("", "history h.db paper --check", "--check tests the whole file"),
     "history: limits of all": ("", "history h.db --limit bias=1mg", "are for one unit"),
     "history: no files": ("", "history h.db paper --files 1", "has no such files"),
+    "history: no such result": ("", "history h.db --files 99 --out o", "no such files"),
     "history: files of nothing": ("", "history h.db paper --files 9 --out o", "not a result of unit paper"),
     "diagnose: two noises": ("", "diagnose good.csv --samples s.csv --noise-sd 1mg", "both state the noise"),
     "diagnose: samples of two": ("", "diagnose good.csv g.csv --samples s.csv", "--samples is for one position file"),
