@@ -32,6 +32,11 @@ class Setup:
     mounting: np.ndarray | None = None
     turns: np.ndarray | None = None
 
+    @property
+    def mountings(self) -> np.ndarray:
+        """The number of the mounting of each position."""
+        return np.zeros(len(self.alpha), int) if self.mounting is None else self.mounting
+
 
 def turned(axis: str, angle: np.ndarray, f: np.ndarray) -> np.ndarray:
     """The vectors `f` seen from a frame turned about `axis` by `angle`."""
@@ -43,6 +48,13 @@ def turned(axis: str, angle: np.ndarray, f: np.ndarray) -> np.ndarray:
     out[:, following] = cos * f[:, following] + sin * f[:, last]
     out[:, last] = cos * f[:, last] - sin * f[:, following]
     return out
+
+
+def mounted(f: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """The vectors `f` seen from a frame with a mount of these angles about x, y and z."""
+    for axis, angle in zip("zyx", angles[::-1], strict=True):
+        f = turned(axis, angle, f)
+    return f
 
 
 def random_setup(
@@ -104,23 +116,27 @@ def extended(setup: Setup, cells: list[tuple[float, float]], rng: np.random.Gene
 
 def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np.ndarray]) -> np.ndarray:
     """Noise-free readings, g; effects in rad, g, s and their products."""
-    mounting = np.zeros(len(setup.alpha), int) if setup.mounting is None else setup.mounting
+    mounting = setup.mountings
     level = setup.pitch + (setup.pitch.max() + 1) * mounting
     f = _in_the_fixture(setup, nominal["dbeta"][level], effects)
     f = _in_the_case(setup, f, nominal["dtheta"].reshape(-1, 3)[mounting], mounting, effects)
     return sensed(setup, f, nominal, effects)
 
 
+def along_axes(f: np.ndarray, gamma: np.ndarray) -> np.ndarray:
+    """Forces `f` of the frame of the case along the axes of the triad."""
+    g21, g31, g32 = gamma
+    return np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
+
+
 def sensed(setup: Setup, f: np.ndarray, nominal: dict[str, np.ndarray], effects: dict[str, np.ndarray]) -> np.ndarray:
     """Readings of the triad, g, of forces `f` in the frame of its case."""
-    mounting = np.zeros(len(setup.alpha), int) if setup.mounting is None else setup.mounting
-    g21, g31, g32 = nominal["gamma"]
-    u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
+    mounting, u = setup.mountings, along_axes(f, nominal["gamma"])
     out = (1 + nominal["dK"]) * u + nominal["bias"]
     for i, a in enumerate(AXES):
         if not any(name.endswith(f".{a}") or f".{a}." in name for name in effects):
             continue
-        for name, shapes in _of_an_axis(setup, u, i, mounting).items():
+        for name, shapes in of_an_axis(setup, u, i, mounting).items():
             if name in effects:
                 out[:, i] += sum(c * shape for c, shape in zip(effects[name], shapes, strict=True))
     if "warm_up" in effects:
@@ -175,16 +191,13 @@ def _in_the_case(
     """Vectors `f` of the fixture's frame in that of the triad's case, which is mounted with errors `mount`, rad."""
     f = f if setup.turns is None else np.einsum("nij,nj->ni", setup.turns[mounting], f)
     slip = np.asarray(effects.get("?mount_slip", np.zeros(3)), float)
-    for axis, angle in reversed(list(zip(AXES, (mount + slip * _late(setup)[:, None]).T, strict=True))):
-        f = turned(axis, angle, f)
+    f = mounted(f, (mount + slip * _late(setup)[:, None]).T)
     rises = {"mount_drift": setup.time_s - setup.time_s[0], "mount_temperature": setup.temperature_degc - 25}
     for name, follows in rises.items():
         if name in effects:
-            for axis, rate in reversed(list(zip(AXES, effects[name], strict=True))):
-                f = turned(axis, rate * follows, f)
+            f = mounted(f, np.outer(effects[name], follows))
     if "mount_by_pitch" in effects:
-        for axis, angle in reversed(list(zip(AXES, effects["mount_by_pitch"], strict=True))):
-            f = turned(axis, angle * (setup.pitch == 0), f)
+        f = mounted(f, np.outer(effects["mount_by_pitch"], setup.pitch == 0))
     return f
 
 
@@ -194,7 +207,7 @@ def _late(setup: Setup) -> np.ndarray:
     return (np.arange(n) >= n // 2).astype(float)
 
 
-def _of_an_axis(setup: Setup, u: np.ndarray, i: int, mounting: np.ndarray) -> dict[str, list[np.ndarray]]:
+def of_an_axis(setup: Setup, u: np.ndarray, i: int, mounting: np.ndarray) -> dict[str, list[np.ndarray]]:
     """What one unit of each coefficient of each effect of axis `i` adds to its readings, of inputs `u`."""
     n, a, v = len(u), AXES[i], u[:, i]
     j, k = [o for o in range(3) if o != i]

@@ -71,27 +71,21 @@ def case(rng: np.random.Generator, plan: str, kind: str, d: float):
 
 def _left(whiten: np.ndarray, setup: blind.Setup, signal: np.ndarray) -> float:
     """Norm of what the nominal model leaves of a signal in whitened units."""
-    q, _ = np.linalg.qr(whiten @ _reachable(setup))
+    q, _ = np.linalg.qr(whiten @ blind.nominal_columns(setup))
     rest = whiten @ signal
     return float(np.linalg.norm(rest - q @ (q.T @ rest)))
 
 
-def _reachable(setup: blind.Setup) -> np.ndarray:
-    """Orthonormal basis of what the nominal model reaches near the truth."""
-    values, vectors = np.linalg.eigh(blind.unreachable(setup))
-    return vectors[:, values < 0.5]
-
-
-def position_set(setup: blind.Setup, readings: np.ndarray, known: bool) -> PositionSet:
+def position_set(setup: blind.Setup, readings: np.ndarray, known: bool, columns: bool = True) -> PositionSet:
+    """With the noise stated, and with the conditions of each position."""
+    conditions = {name: getattr(setup, name) for name in ("time_s", "temperature_degc", "approach") if columns}
     return PositionSet(
         tuple(setup.names),
         np.degrees(setup.alpha),
         np.degrees(setup.beta),
         readings,
         sd=np.full(readings.shape, blind.SIGMA) if known else None,
-        time_s=setup.time_s,
-        temperature_degc=setup.temperature_degc,
-        approach=setup.approach,
+        **conditions,
     )
 
 

@@ -9,7 +9,6 @@ or is one long still log. The changed parameter, its size, and the noise are dra
 unit change, with the process noise that the update states.
 """
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from command_line import asked
 from tumblecal import enable_float64
 from tumblecal.check.drift import NONE, ProcessNoise
 from tumblecal.check.result import Model, check
@@ -34,6 +34,7 @@ PITCH_ERROR = 3e-4  # rad
 KINDS = {"hand": 0.5, "head": 0.4, "log": 0.1}
 SHARES = {"bias": 0.6, "dK": 0.25, "gamma": 0.15}
 RANGE = (-1.0, 1.0)
+MOVED = 0.5  # share of the units with a change
 POWERS = (0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.01)
 
 
@@ -113,11 +114,11 @@ def change_of(rng: np.random.Generator) -> tuple[np.ndarray, str]:
     return change, SENSOR[which]
 
 
-def drift_of_population(moved: float) -> np.ndarray:
+def drift_of_population() -> np.ndarray:
     """Variances of the changes of all units together, as a history of the population would give."""
     low, high = 10.0 ** (2 * RANGE[0]), 10.0 ** (2 * RANGE[1])
     mean_square = (high - low) / (2 * (RANGE[1] - RANGE[0]) * np.log(10))
-    return moved * np.array([SHARES[name.partition("_")[0]] / 3 for name in SENSOR]) * USUAL**2 * mean_square
+    return MOVED * np.array([SHARES[name.partition("_")[0]] / 3 for name in SENSOR]) * USUAL**2 * mean_square
 
 
 @dataclass
@@ -134,7 +135,7 @@ class Unit:
     inside: dict[str, np.ndarray]
 
 
-def checked(rng: np.random.Generator, moved: float, drift: np.ndarray, of_all: bool) -> Unit:
+def checked(rng: np.random.Generator, drift: np.ndarray, of_all: bool) -> Unit:
     """Draw a unit, calibrate, change, record, check and update it."""
     truth = np.concatenate([rng.normal(0, sd, 3) for sd in (3e-3, 5e-3, 1e-3)])
     noise = 10 ** rng.uniform(-4.3, -3.5)
@@ -152,7 +153,7 @@ def checked(rng: np.random.Generator, moved: float, drift: np.ndarray, of_all: b
     change, changed = np.zeros(9), ""
     if of_all:
         change, changed = np.sqrt(drift) * rng.normal(size=9), "all"
-    elif rng.uniform() < moved:
+    elif rng.uniform() < MOVED:
         change, changed = change_of(rng)
     # With an estimated noise, the positions have the dispersion of the calibration.
     data = recorded(rng, kind, truth + change, noise if estimated else 10 ** rng.uniform(-4.5, -3.5))
@@ -184,15 +185,10 @@ def share(units: Sequence[Unit], of: Callable[[Unit], float] = lambda unit: unit
 
 def main() -> None:
     """Run, and print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--units", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--moved", type=float, default=0.5, help="share of the units with a change")
-    parser.add_argument("--drift", action="store_true")
-    asked = parser.parse_args()
+    given = asked(__doc__, units=500, seed=1, drift=False)
     enable_float64()
-    rng, drift = np.random.default_rng(asked.seed), drift_of_population(asked.moved)
-    units = [checked(rng, asked.moved, drift, asked.drift) for _ in range(asked.units)]
+    rng, drift = np.random.default_rng(given.seed), drift_of_population()
+    units = [checked(rng, drift, given.drift) for _ in range(given.units)]
     still, changed = [unit for unit in units if not unit.changed], [unit for unit in units if unit.changed]
     print(f"false alarms: {share(still)}")
     parts = {"all": changed, **{kind: [unit for unit in changed if unit.kind == kind] for kind in KINDS}}

@@ -4,7 +4,7 @@
     python benchmarks/command_speed.py rows --rows 48 240 1000   `calibrate` and `diagnose` over the number of rows
     python benchmarks/command_speed.py files --files 100         files per second of `diagnose`, one process and two
     python benchmarks/command_speed.py hand_held --rows 40       a hand-held log of a million rows (text, 1 kHz), 40 positions
-    python benchmarks/command_speed.py apply --rows 20000000     `apply` next to copying, plain numpy and Polars
+    python benchmarks/command_speed.py apply --rows 20000000     `apply` next to copying and plain numpy
 
 A first run of a command compiles its programs; the printed one finds them. On a busy machine only the processor time counts.
 """
@@ -20,6 +20,8 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import NamedTuple
+
+from command_line import asked
 
 
 HERE = Path(__file__).parent
@@ -44,10 +46,6 @@ frame = pl.read_parquet('log.parquet')
 force = (np.column_stack([frame[axis].to_numpy() for axis in AXES]) - own.bias) @ own.matrix.T
 columns = [pl.Series(axis, force[:, k]) for k, axis in enumerate(AXES)]
 frame.with_columns(columns).write_parquet('out.parquet', compression='lz4')""",
-    "polars": """
-terms = [[row[k] * (pl.col(axis) - own.bias[k]) for k, axis in enumerate(AXES)] for row in own.matrix]
-columns = [sum(row, pl.lit(0.0)).alias(axis) for row, axis in zip(terms, AXES)]
-pl.scan_parquet('log.parquet').with_columns(columns).sink_parquet('out.parquet', compression='lz4')""",
     "apply": ("apply", "linear.json", "log.parquet", "--out", "out.parquet"),
     "apply with two terms": ("apply", "terms.json", "log.parquet", "--out", "out.parquet"),
     "apply, text": ("apply", "linear.json", "log.csv", "--out", "out.csv"),
@@ -79,33 +77,29 @@ def used(command: Sequence[object], folder: Path | str = ".") -> Used:
     return Used(monotonic() - begin, *map(float, done.stdout.split()))
 
 
-def start(asked: argparse.Namespace, folder: Path) -> None:
+def start(given: argparse.Namespace, folder: Path) -> None:
     """Cold start on Table 1, pair by pair; the first run ever has an empty cache of programs."""
     ours = (*TUMBLECAL, "calibrate", TABLE1, "--no-figures", "--out", folder / "out")
     plain = (sys.executable, HERE / "scipy_fit.py", TABLE1)
     first = used(ours)
-    pairs = [(used(ours).wall, used(plain).wall) for _ in range(asked.repeats)]
+    pairs = [(used(ours).wall, used(plain).wall) for _ in range(given.repeats)]
     ratios = [a / b for a, b in pairs]
     print(f"tumblecal calibrate: median {median(a for a, _ in pairs):.2f} s (first ever {first.wall:.2f} s)")
     print(f"numpy and scipy:     median {median(b for _, b in pairs):.2f} s")
     print(f"ratio: median {median(ratios):.2f}, {min(ratios):.2f} to {max(ratios):.2f} (required: at most 4)")
 
 
-def rows(asked: argparse.Namespace, folder: Path) -> None:
-    """Passes through 4 x 12 orientations; `--dense`: no orientation repeats."""
+def rows(given: argparse.Namespace, folder: Path) -> None:
+    """Passes through 4 x 12 orientations."""
     import numpy as np
 
     from tumblecal.data import PositionSet, write_positions
 
     matrix = np.eye(3) + np.array([[5e-4, 0, 0], [4e-4, -3e-4, 0], [-3e-4, 2e-4, 8e-4]])
-    for count in asked.rows or (48, 240, 1000, 2000, 4000, 10000):
+    for count in given.rows or (48, 240, 1000, 2000, 4000, 10000):
         rng = np.random.default_rng(1)
-        alpha, beta = (
-            np.resize(np.tile(np.arange(12) * 30.0, 4), count),
-            np.resize(np.repeat([0.0, 30, 60, 90], 12), count),
-        )
-        if asked.dense:
-            alpha = np.round(np.sort(rng.uniform(0, 360, count)), 6)
+        grid = np.tile(np.arange(12) * 30.0, 4), np.repeat([0.0, 30, 60, 90], 12)
+        alpha, beta = (np.resize(angles, count) for angles in grid)
         a, b = np.radians(alpha), np.radians(beta)
         force = np.stack([-np.sin(b), np.cos(b) * np.sin(a), np.cos(b) * np.cos(a)], axis=1)
         readings = force @ matrix.T + [2e-3, -1.5e-3, 3e-3] + 1e-4 * rng.normal(size=(count, 3))
@@ -120,7 +114,7 @@ def rows(asked: argparse.Namespace, folder: Path) -> None:
             print(f"{count:6d} rows  {name:9s} {used(command)}", flush=True)
 
 
-def files(asked: argparse.Namespace, folder: Path) -> None:
+def files(given: argparse.Namespace, folder: Path) -> None:
     """Random instruments, three of four with an effect of 7 sigma; sd columns as measured in half of the files.
 
     The time of ten files is subtracted, so start and compilation drop out.
@@ -136,7 +130,7 @@ def files(asked: argparse.Namespace, folder: Path) -> None:
     names = list(blind.COEFFICIENTS)
     for plan in ((3, 8), (4, 12)):
         rng, paths = np.random.default_rng(5), []
-        while len(paths) < asked.files:
+        while len(paths) < given.files:
             setup, effects = blind.random_setup(rng, *plan), {}
             if len(paths) % 4:
                 name = names[rng.integers(len(names))]
@@ -155,14 +149,14 @@ def files(asked: argparse.Namespace, folder: Path) -> None:
             used((*command, *paths[:2]))
             rates = [
                 (len(paths) - 10) / (used((*command, *paths)).wall - used((*command, *paths[:10])).wall)
-                for _ in range(asked.repeats)
+                for _ in range(given.repeats)
             ]
             print(f"{plan[0]}x{plan[1]}, {workers} process(es): {median(rates):.1f} files per second", flush=True)
 
 
-def hand_held(asked: argparse.Namespace, folder: Path) -> None:
+def hand_held(given: argparse.Namespace, folder: Path) -> None:
     """From the log to the verdict; the programs are compiled by a different log of as many positions."""
-    for positions in asked.rows or (40,):
+    for positions in given.rows or (40,):
         for seed in (2, 1):
             log, means = folder / f"million{seed}.csv", folder / f"reduced{seed}"
             make = f"from hand_held_sessions import write_log; write_log({str(log)!r}, {positions}, {seed})"
@@ -170,19 +164,19 @@ def hand_held(asked: argparse.Namespace, folder: Path) -> None:
             reduce = ("reduce", log, "--static", "--gravity", "9.80665", "--out", means)
             diagnose = ("diagnose", means / "positions.csv", "--out", folder / "diagnosis")
             for name, *words in (reduce, diagnose):
-                result = used((*TUMBLECAL, name, *words, *(() if asked.figures else ("--no-figures",))))
+                result = used((*TUMBLECAL, name, *words, *(() if given.figures else ("--no-figures",))))
                 if seed == 1:
                     print(f"{positions} positions  {name:9s} {result}", flush=True)
 
 
-def apply(asked: argparse.Namespace, folder: Path) -> None:
+def apply(given: argparse.Namespace, folder: Path) -> None:
     """Samples as float64, with time and temperature; a tenth of them as text. The start of Python is included."""
     import numpy as np
     import polars as pl
 
     from tumblecal.data.calibration import Calibration, write_calibration
 
-    count, rng = (asked.rows or (20_000_000,))[0], np.random.default_rng(1)
+    count, rng = (given.rows or (20_000_000,))[0], np.random.default_rng(1)
     columns = {"time_s": np.arange(count) / 1000, **{name: rng.normal(size=count) * 0.3 for name in AXES}}
     frame = pl.DataFrame(columns | {"temperature_degc": 20 + np.arange(count) / count})
     frame.write_parquet(folder / "log.parquet", row_group_size=1 << 20)
@@ -197,7 +191,7 @@ def apply(asked: argparse.Namespace, folder: Path) -> None:
     copied, results = 0.0, {}
     for name, way in WAYS.items():
         command = (sys.executable, "-c", IMPORTS + way) if isinstance(way, str) else (*TUMBLECAL, *way, "--use-anyway")
-        best = min((used(command, folder) for _ in range(asked.repeats)), key=lambda own: own.cpu)
+        best = min((used(command, folder) for _ in range(given.repeats)), key=lambda own: own.cpu)
         copied = copied or best.cpu
         rows_read = count // 10 if name.endswith("text") else count
         print(
@@ -210,17 +204,11 @@ def apply(asked: argparse.Namespace, folder: Path) -> None:
 
 def main() -> None:
     """One of the parts."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("start", "rows", "files", "hand_held", "apply"))
-    parser.add_argument("--rows", type=int, nargs="+", default=[])
-    parser.add_argument("--files", type=int, default=120)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--dense", action="store_true")
-    parser.add_argument("--figures", action="store_true", help="draw them as well")
-    asked = parser.parse_args()
+    parts = ("start", "rows", "files", "hand_held", "apply")
+    given = asked(__doc__, part=parts, rows=[int], files=120, repeats=3, figures=False)
     with TemporaryDirectory() as folder:
         os.environ.setdefault("TUMBLECAL_CACHE", f"{folder}/cache")
-        globals()[asked.part](asked, Path(folder))
+        globals()[given.part](given, Path(folder))
 
 
 if __name__ == "__main__":

@@ -12,10 +12,9 @@ encoding) and given to its command. The outcome is one of
 - SILENT: different numbers without a line, although the format shows the damage (`Kind.seen`);
 - FAILED: a traceback, a warning of a library, output of native code, or numbers that are not finite.
 
-The exit code is 1 if a file is SILENT or FAILED. `--part 2/5` runs a fifth; `--keep` keeps such files.
+The exit code is 1 if a file is SILENT or FAILED. `--kind`: a part of the names of kinds; `--keep`: folder for such files.
 """
 
-import argparse
 import random
 import re
 import shutil
@@ -28,6 +27,7 @@ from pathlib import Path
 import numpy as np
 
 import damaged_kinds
+from command_line import asked
 from damaged_kinds import Kind, numbers
 from in_process import Outcome, ran
 from spoilt_files import DAMAGES
@@ -112,21 +112,14 @@ def _same(one: object, other: object) -> bool:
 
 def main() -> int:
     """Run; print the table and each new fault."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--files", type=int, default=5000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--part", default="1/1", help="2/5: the second fifth of the files")
-    parser.add_argument("--kind", default="", help="only kinds with this in their name")
-    parser.add_argument("--keep", type=Path, help="folder for the files with faults")
-    asked = parser.parse_args()
+    given = asked(__doc__, files=5000, seed=1, kind="", keep=Path)
     enable_float64()
-    part, parts = map(int, asked.part.split("/"))
     kinds, counts, faults = damaged_kinds.all_kinds(), Counter(), Counter()
-    names = [name for name in kinds if asked.kind in name]
+    names = [name for name in kinds if given.kind in name]
     with tempfile.TemporaryDirectory() as folder:
         trials = Trials(kinds, Path(folder) / "trial")
-        for number in range(part - 1, asked.files, parts):
-            chance = random.Random(f"{asked.seed} {number}")
+        for number in range(given.files):
+            chance = random.Random(f"{given.seed} {number}")
             name, damage = names[number % len(names)], chance.choice(DAMAGES)
             content = damage(kinds[name].content, chance)
             word, reason = trials.trial(name, content)
@@ -136,9 +129,9 @@ def main() -> int:
                 faults[fault] += 1
                 if faults[fault] == 1:
                     print(f"{name}, file {number} ({damage.__name__}): {reason}", file=sys.stderr)
-                if faults[fault] == 1 and asked.keep:
-                    asked.keep.mkdir(parents=True, exist_ok=True)
-                    (asked.keep / f"{number}-{Path(kinds[name].name).name}").write_bytes(content)
+                if faults[fault] == 1 and given.keep:
+                    given.keep.mkdir(parents=True, exist_ok=True)
+                    (given.keep / f"{number}-{Path(kinds[name].name).name}").write_bytes(content)
     for (name, damage, reason), times in faults.most_common():
         print(f"  {times} {name}, {damage}: {reason}")
     print(f"{'kind':26} " + " ".join(f"{word:>9}" for word in WORDS))

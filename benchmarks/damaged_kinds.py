@@ -41,6 +41,9 @@ Seen = Callable[[bytes, bytes], bool]
 IMPORT = "import {file} --out {out}/samples.parquet"
 IMPORT_FOLDER = "import {folder}/log --out {out}/samples.parquet"
 CALIBRATE = "calibrate {file} --no-figures -q --out {out}"
+WITH_HEAD = "calibrate {folder}/p.csv --no-figures -q --out {out} --head {file}"
+APPLY = "apply {file} {folder}/samples.csv --out {out}/corrected.parquet"
+BUDGET = "budget {folder}/p.csv {file} -q --out {out}"
 CERTIFICATE = "certificate {folder}/c --admin {folder}/lab.toml --out {out}"
 ADDED = "history {out}/h.db U1 --add {folder}/c"
 SAMPLES, MEANS, CALIBRATED, CORRECTED = (
@@ -224,32 +227,11 @@ def documents() -> dict[str, Kind]:
     diagnosed = {f"c/{name}.json": done[f"d/{name}.json"] for name in ("calibration", "diagnosis")}
     with_admin, positions = calibrated | {"lab.toml": admin}, {"p.csv": made.positions()}
     kinds = {
-        "calibration": Kind(
-            "c.json",
-            CALIBRATION,
-            "apply {file} {folder}/samples.csv --out {out}/corrected.parquet",
-            shorter,
-            CORRECTED,
-            {"samples.csv": made.table_of_samples()},
-        ),
+        "calibration": Kind("c.json", CALIBRATION, APPLY, shorter, CORRECTED, {"samples.csv": made.table_of_samples()}),
         "history": Kind("h.db", done["h.db"], "history {file} U1", shorter),
-        "head": Kind(
-            "head.toml",
-            written.HEAD,
-            CALIBRATE.replace("{file}", "{folder}/p.csv") + " --head {file}",
-            never,
-            CALIBRATED,
-            positions,
-        ),
+        "head": Kind("head.toml", written.HEAD, WITH_HEAD, never, CALIBRATED, positions),
         "rig": Kind("rig.toml", config["paper24"], "simulate {file} --out {out}/s.csv", never, ("s.csv",)),
-        "considered": Kind(
-            "inputs.toml",
-            config["considered_lab"],
-            "budget {folder}/p.csv {file} -q --out {out}",
-            never,
-            ("budget.json",),
-            positions,
-        ),
+        "considered": Kind("inputs.toml", config["considered_lab"], BUDGET, never, ("budget.json",), positions),
         "admin": Kind("lab.toml", admin, CERTIFICATE, never, (), with_admin),
         "limits": Kind("limits.toml", limits, CERTIFICATE + " --limits {file}", never, ("dcc.xml",), with_admin),
         "plan": Kind("plan.toml", config["capture_demo"], "", never, read=read_plan),

@@ -135,17 +135,21 @@ def mimu() -> bytes:
 
 def ros1_bag() -> bytes:
     """A ROS 1 bag with an IMU."""
+    with TemporaryDirectory() as folder:
+        return write_ros1_bag(Path(folder) / "log.bag", "/imu", *motion()).read_bytes()
+
+
+def write_ros1_bag(path: Path, topic: str, time_s: np.ndarray, force: np.ndarray, rate: np.ndarray) -> Path:
+    """A ROS 1 bag with an IMU: force in m/s^2, rate in rad/s."""
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "log.bag"
-        with Writer(path) as bag:
-            connection = bag.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
-            for stamp, message in _imu_messages(store, ros1=True):
-                bag.write(connection, stamp, store.serialize_ros1(message, "sensor_msgs/msg/Imu"))
-        return path.read_bytes()
+    with Writer(path) as bag:
+        connection = bag.add_connection(topic, "sensor_msgs/msg/Imu", typestore=store)
+        for stamp, message in imu_messages(store, time_s, force, rate, ros1=True):
+            bag.write(connection, stamp, store.serialize_ros1(message, "sensor_msgs/msg/Imu"))
+    return path
 
 
 def ros2_bag(*, mcap: bool) -> bytes:
@@ -163,23 +167,29 @@ def ros2_folder(*, mcap: bool) -> dict[str, bytes]:
         path = Path(folder) / "log"
         with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3) as bag:
             connection = bag.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
-            for stamp, message in _imu_messages(store, ros1=False):
+            for stamp, message in imu_messages(store, *motion()):
                 bag.write(connection, stamp, store.serialize_cdr(message, "sensor_msgs/msg/Imu"))
         return {f"log/{own.name}": own.read_bytes() for own in path.iterdir()}
 
 
-def _imu_messages(store, *, ros1: bool):
+def motion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, force and rate of the samples; they are at rest."""
+    own = samples()
+    force = np.stack([own[f"acc_{axis}"] for axis in "xyz"], axis=1)
+    return own["time"], force, np.zeros_like(force)
+
+
+def imu_messages(store, time_s: np.ndarray, force: np.ndarray, rate: np.ndarray, *, ros1: bool = False):
+    """Stamps and messages of an IMU from some moment on: force in m/s^2, rate in rad/s."""
     types = store.types
     stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
     vector, turn = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    own, covariance = samples(), np.zeros(9)
-    for k, (time, *force, _) in enumerate(zip(*own.values(), strict=True)):
+    imu, covariance = types["sensor_msgs/msg/Imu"], np.zeros(9)
+    for k, (time, spun, pushed) in enumerate(zip(time_s.tolist(), rate.tolist(), force.tolist(), strict=True)):
         nanoseconds = 1_700_000_000 * 10**9 + round(time * 1e9)
         at = stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-        head = header(**({"seq": k} if ros1 else {}), stamp=at, frame_id="imu")
-        still, pushed = vector(0.0, 0.0, 0.0), vector(*map(float, force))
-        imu = types["sensor_msgs/msg/Imu"]
-        yield nanoseconds, imu(head, turn(0.0, 0.0, 0.0, 1.0), covariance, still, covariance, pushed, covariance)
+        head, upright = header(**({"seq": k} if ros1 else {}), stamp=at, frame_id="imu"), turn(0.0, 0.0, 0.0, 1.0)
+        yield nanoseconds, imu(head, upright, covariance, vector(*spun), covariance, vector(*pushed), covariance)
 
 
 def with_mcap_checks(content: bytes) -> bytes:
@@ -251,11 +261,11 @@ def position_rows() -> dict[str, list]:
     return rows | {f"a{axis}_g": np.round(force[:, k], 6).tolist() for k, axis in enumerate("xyz")}
 
 
-def positions(separator: str = ",", ends: str = "\n") -> bytes:
+def positions(separator: str = ",", ends: str = "\n", number: str = "{:.6f}", one_g: float = 1.0) -> bytes:
     """A position file."""
     rows = position_rows()
     cells = [
-        [f"{cell:.6f}" if isinstance(cell, float) else str(cell) for cell in row]
+        [number.format(one_g * cell) if isinstance(cell, float) else str(cell) for cell in row]
         for row in zip(*rows.values(), strict=True)
     ]
     return ends.join([separator.join(rows), *map(separator.join, cells), ""]).encode()
@@ -263,13 +273,8 @@ def positions(separator: str = ",", ends: str = "\n") -> bytes:
 
 def positions_ms2() -> bytes:
     """The same in m/s^2."""
-    rows = position_rows()
-    own = zip(*(rows[name] for name in ("position", "alpha_deg", "beta_deg")), strict=True)
-    force = zip(*(rows[f"a{axis}_g"] for axis in "xyz"), strict=True)
-    lines = ["# gravity_ms2: 9.8123", "position,alpha_deg,beta_deg,ax_ms2,ay_ms2,az_ms2"]
-    for (name, alpha, beta), values in zip(own, force, strict=True):
-        lines.append(f"{name},{alpha},{beta},{','.join(f'{9.8123 * value:.5f}' for value in values)}")
-    return ("\n".join(lines) + "\n").encode()
+    content = positions(number="{:.5f}", one_g=9.8123).replace(b"_g", b"_ms2")
+    return b"# gravity_ms2: 9.8123\n" + content
 
 
 def table_of_samples() -> bytes:

@@ -46,10 +46,9 @@ _RATE_HZ, _COUNT = 50.0, 100
 
 def byte_log(name: str) -> bytes:
     """A minute of frames of a protocol, as they came from the port."""
-    force = made.samples()
-    sent = blank(len(force["time"]))
-    sent.force[:] = np.stack([force[f"acc_{axis}"] / made.G for axis in "xyz"], axis=1)
-    sent.rate[:], sent.temperature[:] = 0.0, 25.0
+    time_s, force, rate = made.motion()
+    sent = blank(len(time_s))
+    sent.force[:], sent.rate[:], sent.temperature[:] = force / made.G, rate, 25.0
     spoken = protocol(name)
     step = round(spoken.counter.ticks_per_s / _RATE_HZ) if spoken.counter and spoken.counter.ticks_per_s else 1
     sent.counter[:] = step * np.arange(len(sent))

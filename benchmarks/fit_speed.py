@@ -8,7 +8,6 @@ per fit, ratio to the general path, and largest difference of the estimates. The
 From 131,072 fits on, `fit_many` uses optimised programs.
 """
 
-import argparse
 import os
 import time
 from dataclasses import replace
@@ -23,6 +22,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import tumblecal
+from command_line import asked, print_head, print_row
+from scipy_fit import predict
 from tumblecal import Problem
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.estimation import exact
@@ -30,26 +31,16 @@ from tumblecal.simulation.experiment import BLOCK, experiment
 from tumblecal.simulation.sums import added, sums_of
 
 
-SD, SIZE = 1.5e-4, 1e-3
+SD, SIZE, ROUNDS = 1.5e-4, 1e-3, 5
 ALPHA, BETA = np.tile(np.arange(8) * np.pi / 4, 3), np.repeat(np.radians([0.0, 45.0, 90.0]), 8)
 SETTING = np.repeat([0, 1, 2], 8)
 
 
 def by_scipy(readings: np.ndarray) -> np.ndarray:
     """One fit after the other, with the derivatives of scipy and the chain as a user of scipy writes it."""
-    sa, ca = np.sin(ALPHA), np.cos(ALPHA)
 
     def residuals(p: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        scale, bias, tilts, (g21, g31, g32), pitch = p[:3], p[3:6], p[6:9], p[9:12], p[12:]
-        b = BETA + pitch[SETTING]
-        f = np.stack([-np.sin(b), np.cos(b) * sa, np.cos(b) * ca])
-        (cx, sx), (cy, sy), (cz, sz) = ((np.cos(tilt), np.sin(tilt)) for tilt in tilts)
-        rx = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
-        ry = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
-        rz = np.array([[cz, sz, 0], [-sz, cz, 0], [0, 0, 1]])
-        triad = np.array([[1, 0, 0], [g21, 1, 0], [g31, g32, 1]])
-        model = ((1 + scale)[:, None] * (triad @ (rx @ ry @ rz) @ f) + bias[:, None]).T
-        return (model - measured).ravel() / SD
+        return (predict(p, ALPHA, BETA, SETTING) - measured).ravel() / SD
 
     return np.stack([least_squares(residuals, np.zeros(15), args=(measured,)).x for measured in readings])
 
@@ -60,52 +51,47 @@ def paper():
     return nominal_chain(where), where
 
 
-def fits(asked: argparse.Namespace) -> None:
+def fits(count: int) -> None:
     """A row for each method."""
     (chain, where), rng = paper(), np.random.default_rng(1)
-    truth = SIZE * rng.normal(size=(asked.fits, 15))
-    readings, model = SD * rng.normal(size=(asked.fits, 24, 3)), jax.jit(jax.vmap(lambda v: chain.at(v)(where)))
-    for begin in range(0, asked.fits, 4096):
+    truth = SIZE * rng.normal(size=(count, 15))
+    readings, model = SD * rng.normal(size=(count, 24, 3)), jax.jit(jax.vmap(lambda v: chain.at(v)(where)))
+    for begin in range(0, count, 4096):
         readings[begin : begin + 4096] += model(truth[begin : begin + 4096])
     problem = Problem.from_arrays(chain, where, readings[0], noise_sd=SD)
     methods = {
-        "`fit_many`, general path": (lambda r: tumblecal.fit_many(problem, r, path="chain").values, asked.fits),
-        "`fit_many`, harmonic path": (lambda r: tumblecal.fit_many(problem, r, path="harmonic").values, asked.fits),
+        "`fit_many`, general path": (lambda r: tumblecal.fit_many(problem, r, path="chain").values, count),
+        "`fit_many`, harmonic path": (lambda r: tumblecal.fit_many(problem, r, path="harmonic").values, count),
         "`jax.vmap` of optimistix": (
             jax.jit(jax.vmap(lambda r: exact.solve(replace(problem, readings=r), chain.vector)[0])),
-            asked.part_fits,
+            4096,
         ),
         "`scipy.optimize.least_squares` in a loop": (by_scipy, 20),
     }
     spent, found = {name: [] for name in methods}, {}
-    for turn in range(asked.rounds + 1):
-        for name, (fit, count) in methods.items():
+    for turn in range(ROUNDS + 1):
+        for name, (fit, some) in methods.items():
             begin = time.process_time()
-            found[name] = np.asarray(fit(readings[:count]))
+            found[name] = np.asarray(fit(readings[:some]))
             # The first turn compiles.
-            spent[name] += [1e6 * (time.process_time() - begin) / count] if turn else []
+            spent[name] += [1e6 * (time.process_time() - begin) / some] if turn else []
     general = next(iter(methods))
-    print("| method | least / µs | median / µs | ratio | largest difference |\n|---|---|---|---|---|")
+    print_head("method", "least / µs", "median / µs", "ratio", "largest difference")
     for name, times in spent.items():
         difference = np.max(np.abs(found[name] - found[general][: len(found[name])]))
         ratio = np.median(np.array(times) / spent[general])
-        print(f"| {name} | {min(times):.2f} | {np.median(times):.2f} | {ratio:.2f} | {difference:.1e} |")
+        print_row(name, f"{min(times):.2f}", f"{np.median(times):.2f}", f"{ratio:.2f}", f"{difference:.1e}")
 
 
-def paper_experiment(**options):
-    """Trials with a new instrument each."""
+def trials() -> None:
+    """Trials per second, each of a new instrument, drawn, fitted and summarised; wide batches if the device is not a CPU."""
     spread = dict.fromkeys(("dK", "bias", "dtheta", "gamma", "dbeta"), SIZE)
-    return experiment(*paper(), sd=SD, spread=spread, **options)
-
-
-def trials(asked: argparse.Namespace) -> None:
-    """Trials per second, drawn, fitted and summarised; wide batches if the device is not a CPU."""
     here = jax.devices()[0]
     print(f"{here.device_kind} ({here.platform}), jax {jax.__version__}\n")
-    print("| path | million trials / s | failed | mean chi2 (57) | mean NEES (15) |\n|---|---|---|---|---|")
+    print_head("path", "million trials / s", "failed", "mean chi2 (57)", "mean NEES (15)")
     wide = 1 if here.platform == "cpu" else 256
     for title, options in (("harmonic", {}), ("general", {"path": "chain"})):
-        setup = paper_experiment(**options)
+        setup = experiment(*paper(), sd=SD, spread=spread, **options)
         width = wide if title == "harmonic" else max(1, wide // 8)
         rounds = 16 if wide > 1 else 64 if title == "harmonic" else 8
 
@@ -127,20 +113,15 @@ def trials(asked: argparse.Namespace) -> None:
             jax.block_until_ready(run(0))
             times.append(time.perf_counter() - begin)
         rate, good = rounds * width * BLOCK / min(times) / 1e6, float(found.trials - found.failed)
-        print(f"| {title} | {rate:.3g} | {int(found.failed)} | {float(found.chi2) / good:.2f} "
-              f"| {float(found.nees) / good:.2f} |", flush=True)  # fmt: skip
+        means = (f"{float(whole) / good:.2f}" for whole in (found.chi2, found.nees))
+        print_row(title, f"{rate:.3g}", int(found.failed), *means)
 
 
 def main() -> None:
     """One of the parts."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("fits", "trials"))
-    parser.add_argument("--fits", type=int, default=131_072)
-    parser.add_argument("--part-fits", dest="part_fits", type=int, default=4096, help="fits of the alternatives")
-    parser.add_argument("--rounds", type=int, default=5)
-    asked = parser.parse_args()
+    given = asked(__doc__, part=("fits", "trials"), fits=131_072)
     tumblecal.enable_float64()
-    (fits if asked.part == "fits" else trials)(asked)
+    fits(given.fits) if given.part == "fits" else trials()
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ random pieces, now and then through the guessing of the protocol.
     python benchmarks/fuzz_decoders.py [--files 100000] [--seed 0]
 """
 
-import argparse
 import time
 import warnings
 from collections import Counter
@@ -15,6 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from command_line import asked
 from tumblecal.capture.decoding.checks import crc16_xmodem, crc32_mpeg2, exclusive_or
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Counts, Settings, blank, joined
@@ -214,10 +214,7 @@ def run(files: int, seed: int, guess_every: int = 50) -> Counter:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--files", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
+    options = asked(__doc__, files=100_000, seed=0)
     start = time.perf_counter()
     tried = run(options.files, options.seed)
     for name in sorted(protocols()):

@@ -5,14 +5,8 @@
 says how many of the true still intervals `tumblecal reduce --static` finds, and how many of those it takes are false: outside
 a true one by more than a tenth of a second, or over two. Noise, rate, tremor, outliers, drift, number and length of the
 dwells are drawn for each session.
-
-    python benchmarks/hand_held_sessions.py --log million.csv
-
-writes a session of a million rows (250 positions at 1 kHz) as text, for `tumblecal reduce million.csv --static`.
-
 """
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import polars as pl
 
+from command_line import asked
 from tumblecal.recordings.still.blocks import blocks_of
 from tumblecal.recordings.still.stillness import still_intervals
 
@@ -147,7 +142,7 @@ def counts(s: Session, *, with_rates: bool) -> tuple[int, int, int, int]:
     return len(s.still), int(found.sum()), len(spans), int((~within.any(1)).sum())
 
 
-def write_log(path: Path | str, positions: int = 250, seed: int = 1) -> None:
+def write_log(path: Path | str, positions: int, seed: int) -> None:
     """A session of a million rows: time, accelerations in m/s^2, rates in rad/s, temperature."""
     dwell_s = 1000.0 / positions - 1.0
     hand = Hand(rate_hz=1000.0, dwell_s=(0.75 * dwell_s, 1.25 * dwell_s), turn_s=(0.5, 1.5), tremor_g=1e-3)
@@ -155,20 +150,12 @@ def write_log(path: Path | str, positions: int = 250, seed: int = 1) -> None:
     columns = {"time": s.time_s} | {f"acc_{axis}": 9.80665 * s.force[:, k] for k, axis in enumerate("xyz")}
     columns |= {f"gyr_{axis}": np.radians(s.rate[:, k]) for k, axis in enumerate("xyz")} | {"temp": s.warmth}
     pl.DataFrame(columns).write_csv(path, float_precision=6)
-    print(f"{path}: {len(s.time_s)} rows, {len(s.still)} positions")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sessions", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--log", type=Path)
-    asked = parser.parse_args()
-    if asked.log:
-        write_log(asked.log)
-        return
+    given = asked(__doc__, sessions=200, seed=1)
     for with_rates in (False, True):
-        sessions = (drawn(asked.seed + number) for number in range(asked.sessions))
+        sessions = (drawn(given.seed + number) for number in range(given.sessions))
         rows = [counts(s, with_rates=with_rates) for s in sessions]
         true, found, taken, false = np.sum(rows, axis=0)
         words = "with angular rates" if with_rates else "accelerations alone"

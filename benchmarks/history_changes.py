@@ -38,12 +38,18 @@ def unit(rng, count, *, ratio=3.0, changes=(), days=None, dof=np.inf, unequal=Fa
     for name, sizes in changes:
         place = NAMES.index(name)
         values[:, place] += np.hypot(between[place], NOISE[place]) * np.asarray(sizes)
+    scale = np.ones(count) if np.isinf(dof) else rng.chisquare(dof, count) / dof
+    return entries_of(days, values, np.diag(NOISE**2) * scale[:, None, None], dof)
+
+
+def entries_of(days, values, covariances, dof=np.inf):
+    """Results of one unit: days since 2024, values of the parameters, and their covariance matrices."""
     entries = []
-    for k, row in enumerate(values):
-        scale = 1.0 if np.isinf(dof) else rng.chisquare(dof) / dof
-        date = np.datetime_as_string(np.datetime64("2024-01-01T00:00:00") + np.timedelta64(int(days[k] * 86400), "s"))
-        result = SensorParameters(NAMES, row, np.diag(NOISE**2) * scale, dof=dof)
-        entries.append(Entry("calibration", "A-17", f"{date}Z", f"{k}", f"{k}", "", parameters=result, number=k + 1))
+    for k, (day, row, covariance) in enumerate(zip(days, values, covariances, strict=True)):
+        date = np.datetime_as_string(np.datetime64("2024-01-01T00:00:00") + np.timedelta64(int(day * 86400), "s"))
+        result = SensorParameters(NAMES, row, covariance, dof=dof)
+        stated = ("A-17", f"{date}Z", f"{k}.csv", f"{k:064d}", "converged", 1e-4, 0.5)
+        entries.append(Entry("calibration", *stated, result, number=k + 1))
     return entries
 
 

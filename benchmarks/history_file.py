@@ -7,7 +7,6 @@ them is killed, then the other. Everything that was printed must be in the file,
 Then four processes add to a file that is not there yet, at the same moment. Ends with code 1 where anything was lost or torn.
 """
 
-import argparse
 import os
 import random
 import signal
@@ -22,6 +21,7 @@ from threading import Barrier
 
 import numpy as np
 
+from command_line import asked
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.history.database import add, documents, listed, of_unit
@@ -107,12 +107,7 @@ def created_at_once(rounds: int, folder: Path) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--creations", type=int, default=150)
-    parser.add_argument("--write", type=Path)
-    parser.add_argument("--writer", default="a")
-    arguments = parser.parse_args()
+    arguments = asked(__doc__, kills=200, creations=150, write=Path, writer="a")
     if arguments.write:
         write(arguments.write, arguments.writer)
         return
@@ -126,9 +121,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as name:
             refused = created_at_once(arguments.creations, Path(name))
         bad += len(refused)
-        print(
-            f"{arguments.creations} files made by {_AT_ONCE} processes at once; refused or lost: {len(refused)} {refused[:1]}"
-        )
+        made = f"{arguments.creations} files made by {_AT_ONCE} processes at once"
+        print(f"{made}; refused or lost: {len(refused)} {refused[:1]}")
     sys.exit(1 if bad else 0)
 
 

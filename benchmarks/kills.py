@@ -6,7 +6,6 @@ Exit code 1: an accepted position is missing or has changed, or its bytes are no
 `tests/capture/test_recorder.py`, `tests/studies/test_resumed_studies.py` and `tests/data/test_result_sets.py`.
 """
 
-import argparse
 import os
 import select
 import signal
@@ -19,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from command_line import asked
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
@@ -102,10 +102,7 @@ def guide(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
 
 def main() -> int:
     """Kill and count the faults."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    given = asked(__doc__, kills=100, seed=1)
     with tempfile.TemporaryDirectory(prefix="tumblecal-kills-") as name:
         folder = Path(name)
         process = get_context("spawn").Process(
@@ -115,11 +112,11 @@ def main() -> int:
         while not (folder / "imu").exists():
             time.sleep(0.01)
         try:
-            faults = guide(asked.kills, folder, np.random.default_rng(asked.seed))
+            faults = guide(given.kills, folder, np.random.default_rng(given.seed))
         finally:
             process.kill()
             process.join()
-    print(f"{asked.kills} kills; lost or different: {len(faults)}")
+    print(f"{given.kills} kills; lost or different: {len(faults)}")
     print("\n".join(faults[:20]))
     return 1 if faults else 0
 

@@ -9,14 +9,15 @@ others one cause, by its share of the false alarms, explains as much as it needs
 causes.
 """
 
-import argparse
 from collections.abc import Iterator
 
 import numpy as np
 from scipy import special, stats
 
 import blind_instrument as blind
+from blind.acting import direction
 from blind_noise import position_set
+from command_line import asked
 from stated_sd import recorded
 from tumblecal.data import PositionSet
 from tumblecal.data.positions import attitudes_of
@@ -71,8 +72,7 @@ def others(seed: int) -> Iterator[tuple[str, PositionSet, dict]]:
     for count in (20, 40, 80):
         setup, readings = measured("random", count, 4, seed)
         rng = np.random.default_rng([seed, count])
-        units = rng.normal(size=(count, 3))
-        units /= np.linalg.norm(units, axis=1, keepdims=True)
+        units = np.array([direction(rng) for _ in range(count)])
         readings = blind.sensed(setup, units, setup.nominal, {}) + blind.SIGMA * rng.normal(size=units.shape)
         for known in (True, False):
             sd = np.full(units.shape, blind.SIGMA) if known else None
@@ -146,21 +146,17 @@ def fit(cases: list[tuple[Screened, np.ndarray, np.ndarray]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("fit", "test"))
-    parser.add_argument("--draws", type=int, default=4000)
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    given = asked(__doc__, part=("fit", "test"), draws=4000, seed=1)
     enable_float64()
-    listed = plans(FIT, asked.seed) if asked.part == "fit" else (*plans(TEST, asked.seed), *others(asked.seed))
+    listed = plans(FIT, given.seed) if given.part == "fit" else (*plans(TEST, given.seed), *others(given.seed))
     cases, diagnoser = [], Diagnoser(nested=False)
     for name, data, options in listed:
         of = diagnoser.begun(data, **options).screened
-        drawn, weight = sampled(of, asked.draws)
+        drawn, weight = sampled(of, given.draws)
         cases.append((of, drawn, weight))
         sizes = [np.mean(weight * (drawn > null_curve.threshold(size, *null_of(of)))) for size in (0.01, 0.001)]
         print(f"{name:24} nu {of.at.dof:4}  1 %: {sizes[0]:7.2%}  0.1 %: {sizes[1]:7.3%}", flush=True)
-    if asked.part == "fit":
+    if given.part == "fit":
         fit(cases)
 
 

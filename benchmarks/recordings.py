@@ -7,7 +7,6 @@ and `bmi270_thermal` (origins: docs/measured_appendix.md); FOLDER contains imu_t
 that page are run. Each comparison is one line, and the exit code is 1 if one differs.
 """
 
-import argparse
 import json
 import shlex
 import sys
@@ -18,6 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.optimize import least_squares
 
+from command_line import asked
 from in_process import ran
 from tumblecal.data import read_positions
 
@@ -50,17 +50,12 @@ HASSAN_MATRIX = (1.0075165464, -0.0077424535, 0.0265448295, 0.9969083368, 0.0017
 Line = tuple[str, bool]
 
 
-def command(*words: object) -> tuple[int, str]:
-    """Run a command in this process: exit code, and all that was printed."""
-    outcome = ran(words)
-    return outcome.code, outcome.told + outcome.printed + outcome.traceback
-
-
 def reduced(source: Path, out: Path, options: str) -> tuple[Path, str]:
     """Run `tumblecal reduce`; its folder, and its output."""
-    code, printed = command("reduce", source, *shlex.split(options), "--out", out)
-    if code:
-        raise SystemExit(f"reduce {source} {options}: exit code {code}\n{printed}")
+    outcome = ran(["reduce", source, *shlex.split(options), "--out", out])
+    printed = outcome.told + outcome.printed + outcome.traceback
+    if outcome.code:
+        raise SystemExit(f"reduce {source} {options}: exit code {outcome.code}\n{printed}")
     return out, printed
 
 
@@ -181,14 +176,11 @@ def imu_tk(folder: Path, out: Path) -> Iterator[Line]:
 
 def main() -> None:
     """Compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--imu-tk", type=Path)
-    asked = parser.parse_args()
+    given = asked(__doc__, data=(), imu_tk=Path)
     with TemporaryDirectory() as name:
         out = Path(name)
-        parts = [(part, asked.data) for part in (mikoff, suarez, carlsson, hassan, imucal, bmi270)]
-        parts += [(imu_tk, asked.imu_tk)] if asked.imu_tk else []
+        parts = [(part, given.data) for part in (mikoff, suarez, carlsson, hassan, imucal, bmi270)]
+        parts += [(imu_tk, given.imu_tk)] if given.imu_tk else []
         differ = 0
         for part, data in parts:
             for line, right in part(data, out):

@@ -26,7 +26,7 @@ cross_coupling.i.ip + cross_axis_square.i |
 | cable pulls | slack for a part of the turn, tips the spindle for the rest | unlisted |
 | flicker and random walk | correlated from position to position; a bias that wanders with time | noise_coloured, or unlisted |
 
-Unlisted: `unexplained`, or a class that includes it. `second_study.py` checks both kinds of statement on each case, in numbers.
+Unlisted: `unexplained`, or a class that includes it. `second_check.py` checks both kinds of statement on each case, in numbers.
 """
 
 from collections.abc import Callable

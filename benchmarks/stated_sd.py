@@ -7,10 +7,10 @@ written to positions.csv. Printed for each noise: dispersion of neighbouring mea
 chi-squared per degree of freedom under the stated covariance, and recordings in which `diagnose` finds a cause.
 """
 
-import argparse
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -19,6 +19,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 import blind_instrument as blind
+from blind_noise import position_set
+from command_line import asked, print_head, print_row
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.files import write_positions
 from tumblecal.data.position_comments import NOISE_MODEL
@@ -75,11 +77,9 @@ def recorded(kind: str, seed: int, schedule: tuple[float, float] = SCHEDULES[0])
     dwells = [noise[k * step : k * step + dwell] + readings[k] for k in range(POSITIONS)]
     middle_s = np.arange(POSITIONS) * step / RATE + schedule[0] / 2
     model = RecordedNoise.of(dwells, RATE, float(np.ptp(middle_s)), str(seed))
-    return PositionSet(
-        tuple(setup.names),
-        np.degrees(setup.alpha),
-        np.degrees(setup.beta),
-        np.array([own.mean(axis=0) for own in dwells]),
+    means = position_set(setup, np.array([own.mean(axis=0) for own in dwells]), known=False, columns=False)
+    return replace(
+        means,
         sd=sd_of_means(model, dwells, middle_s),
         time_s=middle_s,
         n=np.full(POSITIONS, float(dwell)),
@@ -120,24 +120,17 @@ def one_recording(kind: str, schedule: tuple[float, float], seed: int) -> tuple[
 
 def main() -> None:
     """A row for each length of dwell and each noise."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recordings", type=int, default=60, help="of each noise and length of dwell")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first recording")
-    parser.add_argument("--processes", type=int, default=1)
-    asked = parser.parse_args()
-    seeds = range(asked.first, asked.first + asked.recordings)
-    print(
-        "| dwell / s | noise | dispersion / stated | chi2 / dof | a cause found | a noise found |\n|---|---|---|---|---|---|"
-    )
-    with ProcessPoolExecutor(asked.processes, get_context("spawn")) as pool:
+    given = asked(__doc__, recordings=60, processes=1)
+    print_head("dwell / s", "noise", "dispersion / stated", "chi2 / dof", "a cause found", "a noise found")
+    with ProcessPoolExecutor(given.processes, get_context("spawn")) as pool:
         for schedule in SCHEDULES:
             for kind in NOISES:
-                done = list(pool.map(partial(one_recording, kind, schedule), seeds))
+                done = list(pool.map(partial(one_recording, kind, schedule), range(given.recordings)))
                 dispersion, stated, chi2 = np.mean([own for own, _ in done], axis=(0, 2))
                 noises = sum(any(label.startswith("noise_") for label in labels) for _, labels in done)
                 causes = sum(any(not label.startswith("noise_") for label in labels) for _, labels in done)
-                cells = f"{schedule[0]:g} | {kind} | {np.sqrt(dispersion / stated):.2f} | {chi2:.2f}"
-                print(f"| {cells} | {causes} of {len(done)} | {noises} of {len(done)} |", flush=True)
+                found = (f"{own} of {len(done)}" for own in (causes, noises))
+                print_row(f"{schedule[0]:g}", kind, f"{np.sqrt(dispersion / stated):.2f}", f"{chi2:.2f}", *found)
 
 
 if __name__ == "__main__":

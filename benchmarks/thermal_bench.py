@@ -12,8 +12,6 @@ bias and scale factor that contain the mean of both branches. `order too high`: 
 the rate.
 """
 
-import argparse
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,6 +19,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
+from command_line import asked, counted, print_head, print_row
 from thermal_instrument import Programme, Unit, attitudes, instrument, means, readings, soak_means, truth
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use
@@ -182,21 +181,18 @@ def row(words: str, found: Sequence[Outcome]) -> None:
     intervals = [own.covered for own in found if np.isfinite(own.covered)]
     plain = [own.too_high for own in found if own.too_high is not None]
     within = [own.within for own in usable]
-    cells = [words, str(len(found))]
-    cells.append(
-        ", ".join(f"{count} {answer}" for answer, count in sorted(Counter(own.answer for own in found).items()))
-    )
+    cells = [words, str(len(found)), counted(own.answer for own in found)]
     cells.append(f"{sum(own in usable for own in adequate)} of {len(adequate)}")
     cells += [f"{np.mean(within):.1%}", f"{min(within):.0%}"] if usable else ["-", "-"]
     cells.append(f"{np.median([own.expanded_mg for own in usable]):.2g}" if usable else "-")
     cells += [f"{np.sqrt(np.mean([getattr(own, name) ** 2 for own in found])):.2g}" for name in ("error_mg", "raw_mg")]
     cells += [f"{np.mean(intervals):.1%}" if intervals else "-", f"{sum(plain)} of {len(plain)}"]
-    print(f"| {' | '.join(cells)} |", flush=True)
+    print_row(*cells)
 
 
 def population(units: int, seed: int) -> None:
     """A row for each plan, and the sums."""
-    print(f"| {' | '.join(HEADS)} |\n|{'---|' * len(HEADS)}")
+    print_head(*HEADS)
     everything = []
     for number, (words, plan) in enumerate(PLANS.items()):
         found = []
@@ -210,12 +206,9 @@ def population(units: int, seed: int) -> None:
 
 def main() -> None:
     """Calibrate the population."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--units", type=int, default=16, help="of each plan")
-    parser.add_argument("--seed", type=int, default=4113)
-    asked = parser.parse_args()
+    given = asked(__doc__, units=16, seed=4113)
     enable_float64()
-    population(asked.units, asked.seed)
+    population(given.units, given.seed)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """An accelerometer triad in a chamber, in numpy alone: polynomials of temperature, hysteresis, lag, noise. Not the chain.
 
-`instrument` draws a unit, `means` gives its readings in temperature bins, `recording` its samples, `truth` its parameters.
+`instrument` draws a unit, `means` gives its readings in temperature bins, `truth` its parameters.
 """
 
 from dataclasses import dataclass, field
@@ -117,12 +117,10 @@ def attitudes(rng, count, tilt_deg=3.0):
     return tilted / np.linalg.norm(tilted, axis=1)[:, None]
 
 
-def history(programme, step_s=1.0):
+def history(programme, step_s=10.0):
     """Times (s), temperatures (degC) and rates (degC/s) of a programme."""
-    degc, soak = [programme.start], int(programme.soak_min * 60 / step_s)
-    rates = [0.0]
-    degc += [programme.start] * soak
-    rates += [0.0] * soak
+    soak = int(programme.soak_min * 60 / step_s)
+    degc, rates = [programme.start] * (1 + soak), [0.0] * (1 + soak)
     for target, per_min in programme.legs:
         count = max(2, int(abs(target - degc[-1]) / (per_min / 60) / step_s))
         leg = np.linspace(degc[-1], target, count + 1)[1:]
@@ -130,23 +128,6 @@ def history(programme, step_s=1.0):
         degc += leg.tolist() + [target] * soak
         rates += [0.0] * soak
     return np.arange(len(degc)) * step_s, np.array(degc), np.array(rates)
-
-
-def recording(rng, unit, force, programme, rate_hz=10.0, noise_mg=1.0, resolution_degc=0.01, width=20.0):
-    """Samples of one still attitude: times, readings (rows, 3) g, thermometer (degC)."""
-    times, degc, _ = history(programme, 1 / rate_hz)
-    memory = memory_of(degc, width) if np.any(unit.hysteresis) else np.zeros(len(degc))
-    clean = readings(unit, np.repeat(force[None], len(degc), 0), degc, memory)
-    thermometer = np.round((degc + 0.02 * rng.normal(size=len(degc))) / resolution_degc) * resolution_degc
-    return times, clean + 1e-3 * noise_mg * rng.normal(size=clean.shape), thermometer
-
-
-def write_recording(path, times, values, degc):
-    """A CSV file of samples as a logger writes it."""
-    with open(path, "w") as file:
-        file.write("time_s,ax_g,ay_g,az_g,temperature_degc\n")
-        for t, (x, y, z), c in zip(times, values, degc, strict=True):
-            file.write(f"{t:.2f},{x:.6f},{y:.6f},{z:.6f},{c:.3f}\n")
 
 
 def means(
@@ -158,7 +139,7 @@ def means(
     """
     columns: dict[str, list] = {name: [] for name in _COLUMNS}
     for number, force in enumerate(forces):
-        times, degc, rates = history(programme, 10.0)
+        times, degc, rates = history(programme)
         memory = memory_of(degc, width) if np.any(unit.hysteresis) else np.zeros(len(degc))
         of_sensor = degc - lag_s * rates
         values = readings(unit, np.repeat(force[None], len(degc), 0), of_sensor, memory)

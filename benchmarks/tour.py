@@ -6,12 +6,13 @@ FOLDER holds `exp_1.bin` and `exp_7.bin` (the page says where they are from). Th
 page that the output does not contain are printed, and the exit code is then 1. Blanks and line breaks are not compared.
 """
 
-import argparse
 import re
 import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+from command_line import asked
 
 
 PAGE = Path(__file__).parents[1] / "docs" / "tour.md"
@@ -36,9 +37,7 @@ def one_line(text: str) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    data = parser.parse_args().folder.resolve()
+    data = asked(__doc__, folder=()).folder.resolve()
     inputs, indented, outputs = blocks(PAGE.read_text(encoding="utf-8"))
     printed = ""
     with TemporaryDirectory() as name:

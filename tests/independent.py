@@ -64,7 +64,7 @@ def least(residual, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Returns: the arguments at the minimum, and the inverse of J'J there.
     """
-    jacobian = _central(residual)
+    jacobian = central(residual)
     point = least_squares(residual, start, method="lm", jac=jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     slope = jacobian(point)
     for _ in range(3):
@@ -86,7 +86,7 @@ def scipy_fit(
     return point * 1e-3, covariance
 
 
-def _central(function, step: float = 1e-2):
+def central(function, step: float = 1e-2):
     """Jacobian by central differences; the arguments are in units of 1e-3, so a step is 1e-5 and the error 1e-10."""
 
     def jacobian(point: np.ndarray) -> np.ndarray:

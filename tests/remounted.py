@@ -22,10 +22,7 @@ def measured(setup, nominal, turn_deg, rng, label=None, noise=blind.SIGMA, sourc
     f = np.tile([0.0, 0.0, 1.0], (len(setup.alpha), 1))
     f = blind.turned("y", setup.beta + nominal["dbeta"][setup.pitch], f)
     f = blind.turned("x", setup.alpha, f) @ passive(turn_deg).T
-    for axis, angle in zip("zyx", nominal["dtheta"][::-1], strict=True):
-        f = blind.turned(axis, np.full(len(f), angle), f)
-    g21, g31, g32 = nominal["gamma"]
-    u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
+    u = blind.along_axes(blind.mounted(f, nominal["dtheta"]), nominal["gamma"])
     readings = (1 + nominal["dK"]) * u + nominal["bias"] + noise * rng.normal(size=u.shape)
     readings[:, 1] += square_y * u[:, 1] ** 2
     mount = None if label is None else (label,) * len(u)

@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 import tumblecal as package
+from pages import ROOT, blocks
 from tumblecal.cli.commands import app
 from tumblecal.data import write_positions
 
 
-ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # A block of code, by what it begins with, and the test that runs it.
 RUN_ELSEWHERE = {
@@ -161,11 +161,6 @@ def test_blocks_are_toml_or_run_by_a_test(page):
             test = ROOT / RUN_ELSEWHERE[page.name]
             assert page.name in test.read_text(encoding="utf-8"), f"{page.name} is not read by {test}"
             compile(block, page.name, "exec") if language == "python" else shlex.split(block, comments=True)
-
-
-def blocks(page: str, language: str) -> list[str]:
-    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```", text, re.S | re.M)
 
 
 def test_the_way_out_s_shell_blocks_run_as_they_stand_and_print_what_the_pages_say(

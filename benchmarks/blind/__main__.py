@@ -14,11 +14,7 @@ from pathlib import Path
 
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-NUMBERS = {
-    "use": "blind.use",
-    "next": "blind.next_positions",
-    "slow": "blind.slow_noise",
-}
+NUMBERS = {"use": "use", "next": "next_positions", "slow": "slow_noise"}
 
 
 def main() -> None:
@@ -30,7 +26,7 @@ def main() -> None:
     if name in POPULATIONS:
         study(name, sys.argv[2:])
     elif name in NUMBERS:
-        import_module(NUMBERS[name]).main(sys.argv[2:])
+        import_module(f"blind.{NUMBERS[name]}").main(sys.argv[2:])
     else:
         raise SystemExit(f"{__doc__}\nPopulations: {', '.join([*POPULATIONS, *NUMBERS])}")
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from blind_instrument import Setup, readings, turned
+from blind_instrument import Setup, along_axes, mounted, readings, turned
 
 
 # The readings, g, of an instrument in which the cause has a given size (rad or g).
@@ -109,17 +109,11 @@ class Scene:
 
     def in_triad(self, f: np.ndarray) -> np.ndarray:
         """Vectors of the pitch table's frame in that of the triad."""
-        f = turned("x", self.alpha, f)
-        for axis, angle in zip("zyx", self.setup.nominal["dtheta"][::-1], strict=True):
-            f = turned(axis, np.array(angle), f)
-        return f
+        return mounted(turned("x", self.alpha, f), self.setup.nominal["dtheta"])
 
     def seen_from(self, f: np.ndarray) -> np.ndarray:
         """Outputs if gravity in the frame of the pitch table is `f`."""
-        f, (g21, g31, g32) = self.in_triad(f), self.setup.nominal["gamma"]
-        return self.outputs(
-            np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
-        )
+        return self.outputs(along_axes(self.in_triad(f), self.setup.nominal["gamma"]))
 
     def outputs(self, u: np.ndarray) -> np.ndarray:
         """Outputs of the inputs `u`, g."""

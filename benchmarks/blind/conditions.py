@@ -271,11 +271,11 @@ def columns_of(setup: blind.Setup, measured: np.ndarray, known: bool, repeat: st
     return columns
 
 
-def write(path: Path, columns: Columns) -> None:
+def write(path: Path, columns: Columns, *comments: str) -> None:
     """A position file as text."""
     cells = ([str(cell) for cell in values.tolist()] for values in columns.values())
     rows = zip(*cells, strict=True)
-    path.write_text("\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n")
+    path.write_text("\n".join([*comments, ",".join(columns), *(",".join(row) for row in rows)]) + "\n")
 
 
 def positions_of(columns: Columns) -> PositionSet:

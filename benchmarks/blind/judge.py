@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from command_line import print_head, print_row
+
 
 UNEXPLAINED = "unexplained"
 # A single set with a higher probability than this that is not the truth counts as wrong.
@@ -171,17 +173,8 @@ def answer_of_record(record: dict | None, refusal: str) -> Answer:
     return Answer(labels, tuple(classes), best["probability"], record["verdict"], single, bool(labels), words=words)
 
 
-def right(best, truth: Labels, noise: Iterable[str] = ()) -> bool:
-    """Whether the hidden set is the leading explanation or one of its equivalents, without a fault of the noise."""
-    return _against(best, truth, noise).right
-
-
-def stated(best, truth: Labels, noise: Iterable[str] = ()) -> bool:
-    """Whether the statement that has the probability is true."""
-    return _against(best, truth, noise).stated
-
-
-def _against(best, truth: Labels, noise: Iterable[str]) -> Outcome:
+def against(best, truth: Labels, noise: Iterable[str] = ()) -> Outcome:
+    """A leading explanation and faults of the noise against a hidden set."""
     return judged(Case("", 0, "", True, (truth,), None), answer_of(best, noise, "", bool(best.labels)))
 
 
@@ -194,9 +187,10 @@ def interval(yes: int, of: int) -> tuple[float, float]:
 def print_reliability(statements: Iterable[tuple[float, bool]], bins: Sequence[float] = BINS) -> None:
     """Stated probabilities, and how often they were correct."""
     listed = np.array(list(statements), float).reshape(-1, 2)
-    print("\n| stated probability | statements | mean | correct |\n|---|---|---|---|")
+    print()
+    print_head("stated probability", "statements", "mean", "correct")
     for low, high in pairwise(bins):
         here = listed[(listed[:, 0] >= low) & (listed[:, 0] < (high if high < 1.0 else np.inf))]
         if len(here):
             mean, share = here.mean(axis=0)
-            print(f"| {low:.2f} to {high:.2f} | {len(here)} | {mean:.3f} | {share:.3f} |")
+            print_row(f"{low:.2f} to {high:.2f}", len(here), f"{mean:.3f}", f"{share:.3f}")

@@ -1,6 +1,6 @@
 """The population `next`: are the predictions of NEXT fulfilled? The proposed positions are measured and diagnosed as one run.
 
-    python benchmarks/blind next --instruments 160 --seed 3001 --out next.jsonl
+    python benchmarks/blind next --instruments 160 --seed 3001
 
 Each blind instrument hides one cause of 5 to 15 sigma, or two. If the diagnosis proposes positions to separate
 explanations, they are measured in the proposed order, conditions and mountings. A prediction is fulfilled if the truth
@@ -8,13 +8,10 @@ alone, or with the same function at 1 g, is then identified. If the plan states 
 remain.
 """
 
-import argparse
-import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,6 +24,7 @@ tumblecal.enable_float64()
 from blind.judge import SURE  # noqa: E402
 from blind.plans import PLANS, remounted  # noqa: E402
 from blind_noise import position_set  # noqa: E402
+from command_line import asked, print_head, print_row  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
 from tumblecal.ground.errors import InputError  # noqa: E402
 from tumblecal.plan.next.next_plan import SEPARATE  # noqa: E402
@@ -110,7 +108,6 @@ class Bench:
                 # A setting that comes later has no error of this kind.
                 self.effects[name] = np.append(self.effects[name], np.zeros(len(levels) - before))
         alpha, beta, mounting = np.array(cells).T
-        first = np.zeros(len(old.alpha), int) if old.mounting is None else old.mounting
         turns = [(0, 0, 0), (0, 90, 0), *SIDES.values()]
         return replace(
             old,
@@ -121,7 +118,7 @@ class Bench:
             approach=np.append(old.approach, np.ones(count)),
             pitch=np.append(old.pitch, pitch),
             names=[*old.names, *(f"next-{k + 1}" for k in range(count))],
-            mounting=np.append(first, mounting.astype(int)),
+            mounting=np.append(old.mountings, mounting.astype(int)),
             turns=Rotation.from_euler("XYZ", -np.radians(turns)).as_matrix(),
             nominal=old.nominal | {"dbeta": errors.ravel(), "dtheta": mounts.ravel()},
         )
@@ -130,14 +127,13 @@ class Bench:
 def data_of(setup: blind.Setup, readings: np.ndarray):
     """The position set of one run, the noise stated."""
     data = position_set(setup, readings, known=True)
-    mounted = setup.mounting is not None and np.ptp(setup.mounting) > 0
-    return replace(data, mount=tuple(MOUNTS[own] for own in setup.mounting)) if mounted else data
+    return replace(data, mount=tuple(MOUNTS[own] for own in setup.mountings)) if np.ptp(setup.mountings) else data
 
 
 def proposed(bench: Bench, plan) -> blind.Setup:
     """The setup with the positions of a plan, in its order and under its conditions."""
     listed = plan.together if plan.in_reverse else by_pitch(plan.together)
-    last = 0 if bench.setup.mounting is None else int(bench.setup.mounting[-1])
+    last = int(bench.setup.mountings[-1])
     cells = [
         (alpha, own.beta_deg, 2 + [*SIDES].index(own.mount) if own.mount else last)
         for own in listed
@@ -185,7 +181,7 @@ def table(records: list[dict]) -> None:
     measured = [own for own in records if "fulfilled" in own]
     verdicts = Counter(own["verdict"] for own in records)
     print(f"{len(records)} instruments, {dict(verdicts)}; {len(measured)} with positions to separate explanations\n")
-    print("| probability stated | instruments | mean | fulfilled | wrong with p > 0.9 |\n|---|---|---|---|---|")
+    print_head("probability stated", "instruments", "mean", "fulfilled", "wrong with p > 0.9")
     rows = {
         f"{a:g} to {min(b, 1):g}": [own for own in measured if a <= own["probability"] < b] for a, b in pairwise(BINS)
     }
@@ -195,21 +191,10 @@ def table(records: list[dict]) -> None:
         if own:
             good, bad = sum(one["fulfilled"] for one in own), sum(one["wrong"] for one in own)
             mean = np.mean([one["probability"] for one in own])
-            print(f"| {words} | {len(own)} | {mean:.2f} | {good} ({good / len(own):.0%}) | {bad} |")
+            print_row(words, len(own), f"{mean:.2f}", f"{good} ({good / len(own):.0%})", bad)
 
 
 def main(words: Sequence[str]) -> None:
     """Draw, diagnose, continue, diagnose again; print the table."""
-    parser = argparse.ArgumentParser(prog="blind next")
-    parser.add_argument("--instruments", type=int, default=160)
-    parser.add_argument("--seed", type=int, default=3001)
-    parser.add_argument("--only", nargs="*", default=[*SHARES], choices=[*SHARES], help="kinds of causes")
-    parser.add_argument("--out", type=Path, help="records, one on each line")
-    asked = parser.parse_args(words)
-    diagnoser, records = Diagnoser(nested=False), []
-    for number in range(asked.instruments):
-        records.append(one(number, asked.seed, diagnoser, asked.only))
-        if asked.out is not None:
-            with asked.out.open("a") as file:
-                file.write(json.dumps(records[-1], default=str) + "\n")
-    table(records)
+    given, diagnoser = asked(__doc__, words, instruments=160, seed=3001, only=[str]), Diagnoser(nested=False)
+    table([one(number, given.seed, diagnoser, given.only or [*SHARES]) for number in range(given.instruments)])

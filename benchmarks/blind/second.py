@@ -13,9 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import second_check as check
-import second_head as head
+import second_head as geometry
 import tumblecal
 from blind.judge import Answer, Case, Outcome, answer_of_diagnosis, interval
+from command_line import print_head, print_row
 from second_instrument import KINDS, NEEDS_COLUMNS, UNLISTED
 
 
@@ -41,8 +42,8 @@ _TRIES = 30
 class Hidden:
     """An instrument with its mechanism and what is measured; `sd`: of a reading, g."""
 
-    instrument: head.Instrument
-    schedule: head.Schedule
+    instrument: geometry.Instrument
+    schedule: geometry.Schedule
     sd: float
 
 
@@ -53,21 +54,21 @@ def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
 
 def drawn(kind: str, number: int, seed: int) -> Case:
     """The case of a number."""
-    order, plans = list(KINDS).index(kind), [*head.PLANS]
+    order, plans = list(KINDS).index(kind), [*geometry.PLANS]
     rng, d = np.random.default_rng([seed, order, number]), SIZES[number % len(SIZES)]
     known, with_columns = bool(rng.integers(2)), bool(rng.integers(2)) or kind in NEEDS_COLUMNS
     for tried in range(_TRIES * len(plans)):
         sd = float(np.exp(rng.uniform(*np.log(NOISE_G))))
         name = plans[(number // 2 + order + tried // _TRIES) % len(plans)]
-        plan = head.schedule(name, rng)
-        own = head.instrument(plan, rng)
+        plan = geometry.schedule(name, rng)
+        own = geometry.instrument(plan, rng)
         truth, mechanism = KINDS[kind](plan, rng)
         size = 0.0 if truth in ((), COLOURED_ALONE) else _size(own, plan, truth, mechanism, sd, d)
         if size is None:
             continue
         hidden = Hidden(mechanism(own, size), plan, sd)
-        noise = head.noise(plan, sd, *(COLOURED if truth == COLOURED_ALONE else WHITE), rng)
-        data = positions(hidden, head.readings(hidden.instrument, plan) + noise, known, with_columns)
+        noise = geometry.noise(plan, sd, *(COLOURED if truth == COLOURED_ALONE else WHITE), rng)
+        data = positions(hidden, geometry.readings(hidden.instrument, plan) + noise, known, with_columns)
         # Slow noise and a slow cause without a name are the same signal.
         accepted = (tuple(sorted(truth)), *([UNLISTED] if truth == COLOURED_ALONE else []))
         return Case(kind, number, name, known, accepted, data, hidden, d)
@@ -91,10 +92,10 @@ def positions(hidden: Hidden, measured: np.ndarray, known: bool, with_columns: b
 
 def _size(own, plan, truth: tuple[str, ...], mechanism, sd: float, d: float) -> float | None:
     """The size with a visible norm of d sigma; None if this is no fair case."""
-    projector, plain = head.unreachable(own, plan), head.readings(own, plan)
+    projector, plain = geometry.unreachable(own, plan), geometry.readings(own, plan)
     size, wanted, signal = 1e-5, d * np.sqrt(len(truth)), np.zeros(plain.size)
     for _ in range(6):
-        whole = (head.readings(mechanism(own, size), plan) - plain).ravel() / sd
+        whole = (geometry.readings(mechanism(own, size), plan) - plain).ravel() / sd
         signal = projector @ whole
         if not np.linalg.norm(signal) > LEAST_SHARE * np.linalg.norm(whole) or size > LARGEST:
             return None
@@ -114,9 +115,9 @@ def corrected(case: Case, diagnosis) -> dict[str, float]:
     """Rms error, mg, of both calibrations at new attitudes; nothing if one of them does not exist."""
     rng, plan = np.random.default_rng([case.number, 7]), case.hidden.schedule
     attitude = Rotation.random(ATTITUDES, rng=rng).as_matrix()
-    force = attitude @ head.UP
+    force = attitude @ geometry.UP
     degc = rng.uniform(plan.temperature_degc.min(), plan.temperature_degc.max(), ATTITUDES)
-    raw = head.outputs(case.hidden.instrument, attitude, degc)
+    raw = geometry.outputs(case.hidden.instrument, attitude, degc)
     both = {"error / mg": diagnosis.calibration, "nominal error / mg": calibration_of(diagnosis.nominal)}
     if None in both.values():
         return {}
@@ -149,8 +150,9 @@ def summary(outcomes: Sequence[Outcome]) -> None:
     rows["`unexplained` in the class, unlisted"] = [own.right for own in outcomes if truth[id(own)] == UNLISTED]
     rows["wrong with a probability above 0.9"] = [own.wrong for own in outcomes if truth[id(own)]]
     rows["false alarms"] = [own.detected for own in outcomes if not truth[id(own)]]
-    print("\n| total | measured | 95 % interval |\n|---|---|---|")
+    print()
+    print_head("total", "measured", "95 % interval")
     for words, own in rows.items():
         if own:
             low, high = interval(sum(own), len(own))
-            print(f"| {words} | {sum(own)} of {len(own)}, {np.mean(own):.1%} | {low:.1%} to {high:.1%} |")
+            print_row(words, f"{sum(own)} of {len(own)}, {np.mean(own):.1%}", f"{low:.1%} to {high:.1%}")

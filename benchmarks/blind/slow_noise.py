@@ -6,7 +6,6 @@
 Printed: false alarms, with the noise stated and not, and how often a hidden effect is named.
 """
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import tumblecal
+from command_line import asked, print_head, print_row
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.diagnosis import Diagnoser
@@ -65,7 +65,7 @@ def measured(rig: Rig, rng: np.random.Generator, hidden: float) -> tumblecal.Pos
 def diagnoses(runs: int, seed: int) -> None:
     """A row for each noise, whether it is stated, and whether an effect is hidden."""
     diagnoser = Diagnoser(nested=False)
-    print("| slow noise | stated | hidden / (mg/g^2) | runs | detected | named |\n|---|---|---|---|---|---|")
+    print_head("slow noise", "stated", "hidden / (mg/g^2)", "runs", "detected", "named")
     for words, noise in NOISES.items():
         rig = rig_with(noise)
         assert rig.ability is not None
@@ -79,15 +79,11 @@ def diagnoses(runs: int, seed: int) -> None:
                 best = found.screened.best
                 alarms += not found.adequate
                 named += any("second_order.z" in members for members in (best.labels, *best.equivalents))
-            stated = "yes" if ability else "no"
-            print(f"| {words} | {stated} | {1e3 * hidden:g} | {runs} | {alarms} | {named} |", flush=True)
+            print_row(words, "yes" if ability else "no", f"{1e3 * hidden:g}", runs, alarms, named)
 
 
 def main(words: Sequence[str]) -> None:
     """Draw and diagnose."""
-    parser = argparse.ArgumentParser(prog="blind slow")
-    parser.add_argument("--runs", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=48)
-    asked = parser.parse_args(words)
+    given = asked(__doc__, words, runs=60, seed=48)
     tumblecal.enable_float64()
-    diagnoses(asked.runs, asked.seed)
+    diagnoses(given.runs, given.seed)

@@ -1,18 +1,20 @@
-"""A population drawn, answered and judged: the table with a row for each kind of hidden cause."""
+"""A population drawn, answered and judged: the table with a row for each kind of hidden cause.
 
-import argparse
-import json
+`--list`: names of the kinds; `--only`: kinds with this text in their name; `--instruments`: of each kind; `--detail`: lists the
+cases that are not right, or not alone.
+"""
+
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from fnmatch import fnmatchcase
 from importlib import import_module
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 
 from blind.judge import Outcome, interval, judged, print_reliability
+from command_line import asked, print_head, print_row
 
 
 # Modules with `KINDS`, `cases` (which draws them) and `answered`, and perhaps a `summary`.
@@ -34,7 +36,7 @@ def chosen(name: str, text: str) -> bool:
     return fnmatchcase(name, text) if "*" in text else text in name
 
 
-def row(name: str, outcomes: Sequence[Outcome], measured: Sequence[str]) -> str:
+def print_counts(name: str, outcomes: Sequence[Outcome], measured: Sequence[str]) -> None:
     """Counts, the share that is right with its interval, and the measures: medians of errors, means of others."""
     low, high = interval(sum(own.right for own in outcomes), len(outcomes))
     counts = [str(sum(getattr(own, what) for own in outcomes)) for what in COUNTED]
@@ -42,7 +44,7 @@ def row(name: str, outcomes: Sequence[Outcome], measured: Sequence[str]) -> str:
     for what in measured:
         values = [own.answer.measures[what] for own in outcomes if what in own.answer.measures]
         means.append(f"{np.median(values) if 'error' in what else np.mean(values):.3g}" if values else "")
-    return f"| {' | '.join([name, str(len(outcomes)), *counts, f'{low:.1%} to {high:.1%}', *means])} |"
+    print_row(name, len(outcomes), *counts, f"{low:.1%} to {high:.1%}", *means)
 
 
 def line(own: Outcome) -> str:
@@ -60,44 +62,33 @@ def line(own: Outcome) -> str:
 def report(outcomes: Sequence[Outcome], kinds: Sequence[str], detail: bool) -> None:
     """The table, by kind and by plan, and the stated probabilities."""
     measured = list(dict.fromkeys(name for own in outcomes for name in own.answer.measures))
-    print(f"| {' | '.join([*HEADS, *measured])} |")
-    print("|---" * (len(HEADS) + len(measured)) + "|")
+    print_head(*HEADS, *measured)
     for kind in kinds:
         own = [outcome for outcome in outcomes if outcome.case.kind == kind]
-        print(row(kind, own, measured))
+        print_counts(kind, own, measured)
         for outcome in own if detail else ():
             if not (outcome.right and outcome.alone):
                 print(line(outcome))
     for plan in dict.fromkeys(outcome.case.plan for outcome in outcomes):
-        print(row(f"*{plan}*", [outcome for outcome in outcomes if outcome.case.plan == plan], measured))
+        print_counts(f"*{plan}*", [outcome for outcome in outcomes if outcome.case.plan == plan], measured)
     print_reliability((own.answer.probability, own.stated) for own in outcomes if own.detected and own.answer.labels)
 
 
 def main(name: str, words: Sequence[str]) -> None:
     """Draw, answer, judge and print."""
-    parser = argparse.ArgumentParser(prog=f"blind {name}")
-    parser.add_argument("--list", action="store_true", help="names of the kinds")
-    parser.add_argument("--only", action="append", default=[], help="kinds with this text in their name; repeatable")
-    parser.add_argument("--instruments", type=int, default=40, help="of each kind")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--detail", action="store_true", help="list the cases that are not right, or not alone")
-    parser.add_argument("--json", type=Path, help="file for all outcomes")
-    asked, own = parser.parse_args(words), import_module(POPULATIONS[name])
-    kinds = [kind for kind in own.KINDS if not asked.only or any(chosen(kind, text) for text in asked.only)]
-    if asked.list or not kinds:
+    given = asked(__doc__, words, list=False, only=[str], instruments=40, seed=1, workers=1, detail=False)
+    own = import_module(POPULATIONS[name])
+    kinds = [kind for kind in own.KINDS if not given.only or any(chosen(kind, text) for text in given.only)]
+    if given.list or not kinds:
         print(*own.KINDS, sep="\n")
         return
     started = time.time()
-    jobs = [(name, [kind], asked.instruments, asked.seed) for kind in kinds]
-    if asked.workers == 1:
-        outcomes = run((name, kinds, asked.instruments, asked.seed))
+    jobs = [(name, [kind], given.instruments, given.seed) for kind in kinds]
+    if given.workers == 1:
+        outcomes = run((name, kinds, given.instruments, given.seed))
     else:
-        with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
             outcomes = [outcome for done in pool.map(run, jobs) for outcome in done]
-    report(outcomes, kinds, asked.detail)
+    report(outcomes, kinds, given.detail)
     getattr(own, "summary", lambda outcomes: None)(outcomes)
     print(f"\n{len(outcomes)} instruments in {time.time() - started:.0f} s")
-    if asked.json:
-        listed = [{"kind": own.case.kind, "number": own.case.number, "line": line(own).strip()} for own in outcomes]
-        asked.json.write_text(json.dumps(listed, indent=1), encoding="utf-8")

@@ -10,19 +10,19 @@ temperatures: 95 % intervals of dK, bias, gamma and corrected readings, rms erro
 of the errors of at most U.
 """
 
-import argparse
-import csv
 import json
 import sys
 import tempfile
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 
 import in_use_instrument as truth
+from blind.conditions import write
+from command_line import asked, counted, print_head, print_row
 from in_process import ran
 
 
@@ -37,6 +37,7 @@ ONLY = {"by pitch": ["bias_by_pitch", "scale_by_pitch", "index_zero"], "warm-up"
 PRIORS = {"cube": ["--prior", "dbeta=5 arcmin"]}
 SPANS = {"low": np.min, "mean": np.mean, "high": np.max}
 COMMANDS = ("calibrate", "diagnose")
+EFFECTS = ("all", "mixed", "faint", "one", "none", "use")
 SENSOR = ("dK_x", "dK_y", "dK_z", "bias_x", "bias_y", "bias_z", "gamma_21", "gamma_31", "gamma_32")
 
 
@@ -96,16 +97,11 @@ def drawn(number: int, seed: int, effects: str) -> Drawn:
 
 def write_positions(path: Path, plan: truth.Schedule, readings: np.ndarray) -> None:
     """A position file as a laboratory would write it."""
-    header = ["position", "alpha_deg", "beta_deg", "ax_g", "ay_g", "az_g", "time_s", "temperature_degc", "approach"]
-    mounted = plan.mounting.max() > 0
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        file.write(f"# gravity_ms2: {GRAVITY_MS2}\n")
-        writer.writerow([*header, *(["mount"] if mounted else [])])
-        for k, row in enumerate(readings):
-            angles = np.degrees(plan.alpha[k]).round(6), np.degrees(plan.beta[k]).round(6)
-            conditions = plan.time_s[k], plan.temperature_degc[k], int(plan.approach[k])
-            writer.writerow([f"p{k + 1}", *angles, *row, *conditions, *([plan.mounting[k]] if mounted else [])])
+    angles = {f"{name}_deg": np.degrees(getattr(plan, name)).round(6) for name in ("alpha", "beta")}
+    columns = {"position": np.array([f"p{k + 1}" for k in range(len(readings))])} | angles
+    columns |= {f"a{axis}_g": values for axis, values in zip("xyz", readings.T, strict=True)}
+    columns |= {"time_s": plan.time_s, "temperature_degc": plan.temperature_degc, "approach": plan.approach.astype(int)}
+    write(path, columns | ({"mount": plan.mounting} if plan.mounting.max() else {}), f"# gravity_ms2: {GRAVITY_MS2}")
 
 
 def run(*words: object) -> int:
@@ -181,61 +177,60 @@ def applied(folder: Path, calibration: Path, raw: np.ndarray, degc: float, time_
     log.write_text("\n".join(["ax_g,ay_g,az_g,temperature_degc,time_s", *rows]) + "\n")
     if run("apply", calibration, log, "--out", out, "--use-anyway"):
         return None
-    with out.open() as file:
-        table = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    names = [next(name for name in table[0] if name.startswith(f"a{axis}_")) for axis in "xyz"]
-    return np.array([[float(row[name]) for name in names] for row in table])
-
-
-def counted(words: Iterable[str]) -> str:
-    """How often each word occurs."""
-    return ", ".join(f"{count} {word}" for word, count in sorted(Counter(words).items()))
+    return pl.read_csv(out, comment_prefix="#").select("ax_g", "ay_g", "az_g").to_numpy()
 
 
 def report_intervals(results: Sequence[Judged]) -> None:
     """Intervals and errors, a column for each plan."""
     by_plan = {name: [own for own in results if own.drawn.plan_name == name] for name in PLANS}
     by_plan = {name: own for name, own in by_plan.items() if own}
-    print(f"| | {' | '.join(by_plan)} |\n|{'---|' * (len(by_plan) + 1)}")
+    print_head("", *by_plan)
 
-    def row(label: str, cell: Callable[[list[Judged], list[Judged]], str]) -> None:
+    def of_plans(label: str, cell: Callable[[list[Judged], list[Judged]], str]) -> None:
         """`cell` is given the results of `diagnose` and of `calibrate`."""
         cells = [
             cell(*([one for one in own if one.command == command] for command in COMMANDS[::-1]))
             for own in by_plan.values()
         ]
-        print(f"| {label} | {' | '.join(cells)} |")
+        print_row(label, *cells)
 
     def rms(own: list[Judged]) -> str:
         squares = [np.mean(one.errors**2) for one in own if one.errors is not None]
-        return (
-            f"{1e3 * np.sqrt(np.mean(squares)):.3f} ({1e3 * np.sqrt(np.quantile(squares, 0.9)):.3f})"
-            if squares
-            else "-"
-        )
+        if not squares:
+            return "-"
+        return f"{1e3 * np.sqrt(np.mean(squares)):.3f} ({1e3 * np.sqrt(np.quantile(squares, 0.9)):.3f})"
 
-    row("instruments", lambda own, nominal: f"{len(own)} ({sum(one.use == 'no file' for one in own)} without a file)")
-    row("verdicts", lambda own, nominal: counted(one.verdict for one in own if one.verdict))
-    row("use", lambda own, nominal: counted(one.use for one in own))
+    of_plans(
+        "instruments", lambda own, nominal: f"{len(own)} ({sum(one.use == 'no file' for one in own)} without a file)"
+    )
+    of_plans("verdicts", lambda own, nominal: counted(one.verdict for one in own if one.verdict))
+    of_plans("use", lambda own, nominal: counted(one.use for one in own))
     for name in ("dK", "bias", "gamma", *(f"corrected, {span}" for span in SPANS)):
-        row(
+        of_plans(
             f"95 % intervals, {name}",
             lambda own, nominal, name=name: f"{np.mean([i for one in own for i in one.inside.get(name, [])]):.1%}",
         )
-    row(
+    of_plans(
         "median u / u of `calibrate`",
         lambda own, nominal: f"{np.nanmedian([a.u / b.u for a, b in zip(own, nominal, strict=True)]):.2f}",
     )
-    row("apply / mg rms (90th percentile)", lambda own, nominal: rms(own))
-    row("apply, calibrate alone / mg rms (90th percentile)", lambda own, nominal: rms(nominal))
+    of_plans("apply / mg rms (90th percentile)", lambda own, nominal: rms(own))
+    of_plans("apply, calibrate alone / mg rms (90th percentile)", lambda own, nominal: rms(nominal))
 
 
 def report_use(results: Sequence[Judged]) -> None:
     """Errors over U of the calibrations that may be used, a row for each command and population."""
-    print(
-        "\n| command | population | instruments | `use` | error at most U | worst instrument | rms error / U | median U / mg |"
+    print()
+    print_head(
+        "command",
+        "population",
+        "instruments",
+        "`use`",
+        "error at most U",
+        "worst instrument",
+        "rms error / U",
+        "median U / mg",
     )
-    print("|---" * 8 + "|")
     kinds = list(dict.fromkeys(own.drawn.kind for own in results))
     for command in COMMANDS:
         for kind in (*kinds, "all") if len(kinds) > 1 else kinds:
@@ -248,18 +243,16 @@ def report_use(results: Sequence[Judged]) -> None:
                 worst = np.mean(ratios <= 1, axis=(1, 2, 3)).min()
                 cells = [f"{np.mean(ratios <= 1):.1%}", f"{worst:.0%}", f"{np.sqrt(np.mean(ratios**2)):.2f}"]
                 cells.append(f"{1e3 * np.nanmedian([one.expanded_g for one in own]):.2f}")
-            print(f"| `{command}` | {kind} | {len(own)} | {counted(one.use for one in own)} | {' | '.join(cells)} |")
+            print_row(f"`{command}`", kind, len(own), counted(one.use for one in own), *cells)
 
 
 def main(words: Sequence[str]) -> None:
     """Draw, measure, calibrate, diagnose, judge; print both tables."""
-    parser = argparse.ArgumentParser(prog="blind use")
-    parser.add_argument("--instruments", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=71)
-    parser.add_argument("--effects", choices=("all", "mixed", "faint", "one", "none", "use"), default="all")
-    asked = parser.parse_args(words)
+    given = asked(__doc__, words, instruments=200, seed=71, effects="all")
+    if given.effects not in EFFECTS:
+        raise SystemExit(f"--effects: one of {', '.join(EFFECTS)}")
     with tempfile.TemporaryDirectory() as temporary:
-        folder, everything = Path(temporary), [drawn(k, asked.seed, asked.effects) for k in range(asked.instruments)]
+        folder, everything = Path(temporary), [drawn(k, given.seed, given.effects) for k in range(given.instruments)]
         for one in everything:
             clean = truth.readings(one.own, one.plan)
             noise = SIGMA * one.rng.normal(size=clean.shape)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
 from blind.acting import direction
+from command_line import print_head, print_row
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.data import PositionSet
@@ -216,12 +217,12 @@ def closed_loop(heads: int, runs: int, seed: int) -> None:
         promises.append(promised(of, id, size, 400))
         observed.append(rates)
     promise, rate = np.array(promises), np.array(observed)
-    print("| | heads | promised | observed | standard error |\n|---|---|---|---|---|")
+    print_head("", "heads", "promised", "observed", "standard error")
     for column, word in enumerate(WORDS):
         for low, high in ((0.0, 1.01), (0.0, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.95), (0.95, 1.01)):
             here = (promise[:, column] >= low) & (promise[:, column] < high)
             if np.any(here):
                 p = promise[here, column]
                 error = np.sqrt(np.sum(p * (1 - p)) / runs) / len(p)
-                shares = f"{p.mean():.1%} | {rate[here, column].mean():.1%} | {error:.1%}"
-                print(f"| {word}, promised {low:.0%} to {min(high, 1):.0%} | {len(p)} | {shares} |")
+                shares = (f"{own:.1%}" for own in (p.mean(), rate[here, column].mean(), error))
+                print_row(f"{word}, promised {low:.0%} to {min(high, 1):.0%}", len(p), *shares)

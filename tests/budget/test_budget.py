@@ -12,7 +12,7 @@ from tumblecal.budget.budget import budget_of
 from tumblecal.budget.columns import sensitivity_to_readings
 from tumblecal.budget.monte_carlo import monte_carlo
 from tumblecal.chain.considered import Considered
-from tumblecal.data import PositionSet, write_positions
+from tumblecal.data import write_positions
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.noise.covariance import Covariance
@@ -45,12 +45,6 @@ def lab(stated):
     return budget_of(stated, considered(), ENTRIES, "lab.toml")
 
 
-def turned(data, readings):
-    """Table 1 with other readings."""
-    own = {name: getattr(data, name) for name in ("names", "alpha_deg", "beta_deg", "comments", "source")}
-    return PositionSet(readings=readings, **own)
-
-
 def test_each_shift_is_that_of_a_fit_to_changed_readings(table1, stated, lab):
     """The readings are changed here, by the physics of each input; only the fit is the program's."""
     truth = stated.values
@@ -73,7 +67,8 @@ def test_each_shift_is_that_of_a_fit_to_changed_readings(table1, stated, lab):
 
     def moved(**change):
         changed, before = (
-            exact.fit(problem_of(turned(table1, readings(**own)), noise_sd=0.1e-3)).values for own in (change, {})
+            exact.fit(problem_of(replace(table1, readings=readings(**own)), noise_sd=0.1e-3)).values
+            for own in (change, {})
         )
         return changed - before
 
@@ -155,8 +150,7 @@ def test_correlated_noise_is_drawn_as_it_is_counted(table1):
 def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):
     lab = tmp_path / "lab.toml"
     lab.write_text('schema = "tumblecal.budget/1"\n[considered]\n' + LAB)
-    given = ["budget", table1_file, lab, "--noise-sd", "0.1mg", "--out", tmp_path / "b"]
-    outcome = tumblecal(*given)
+    outcome = tumblecal("budget", table1_file, lab, "--noise-sd", "0.1mg", "--out", tmp_path / "b")
     assert outcome.code == 0 and not outcome.lines, outcome.lines
     content = json.loads((tmp_path / "b" / "budget.json").read_text())
     own = content["parameters"]["dK_y"]
@@ -169,16 +163,6 @@ def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):
         set(content["intrinsic"]) >= {"scale_x", "bias_x", "angle_xy"} and len(content["calibration_covariance"]) == 12
     )
     assert "Largest contribution" in outcome.out and (tmp_path / "b" / "budget.html").exists()
-    outcome = tumblecal("budget", table1_file, lab, "--monte-carlo", "3")
-    assert outcome.code == 2 and len(outcome.lines) == 1 and "at least 100" in outcome.lines[0]
-    lab.write_text(
-        'schema = "tumblecal.budget/1"\n[considered.a]\nwhat = "x"\nadds_to = "y"\nsize = "1 mg"\nper = "day"'
-    )
-    outcome = tumblecal(*given)
-    assert outcome.code == 2 and "considered.a" in outcome.lines[0]
-    lab.write_text('schema = "tumblecal.budget/1"\n[considered.a]\nwhat = "gravity_value"\nsize = "1 ppm"\ndof = 0.1\n')
-    outcome = tumblecal(*given)
-    assert outcome.code == 2 and "considered.a.dof: " in outcome.lines[0] and "0.5" in outcome.lines[0]
 
 
 def test_a_gimbal_beside_nist_s_bounds_is_what_the_docs_say(tumblecal, tmp_path, configs):

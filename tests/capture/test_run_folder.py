@@ -74,22 +74,22 @@ def test_a_folder_that_goes_away_ends_the_run_at_once(tmp_path: Path, what: str)
     assert last["entry"] in ("stopped", "rejected")
 
 
-def test_a_folder_made_read_only_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def refuse(*_: object) -> int:
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+
+@pytest.mark.parametrize(
+    ("replaced", "words"),
+    [
+        ({"access": lambda path, mode: False}, "was made read-only while capturing; recording stopped"),
+        ({"write": refuse, "ftruncate": refuse}, r"journal.log: cannot be written any more \(Read-only file system\)"),
+    ],
+)
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, monkeypatch, replaced: dict, words: str) -> None:
     journal = Journal(tmp_path)
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    with pytest.raises(InputError, match="was made read-only while capturing; recording stopped"):
-        journal.write("session")
-    journal.close()
-
-
-def test_a_disk_that_fails_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> int:
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-    journal = Journal(tmp_path)
-    for name in ("write", "ftruncate"):
-        monkeypatch.setattr(os, name, refuse)
-    with pytest.raises(InputError, match=r"journal.log: cannot be written any more \(Read-only file system\)"):
+    for name, function in replaced.items():
+        monkeypatch.setattr(os, name, function)
+    with pytest.raises(InputError, match=words):
         journal.write("session")
     journal.close()
 

@@ -19,23 +19,19 @@ def admin(tmp_path, configs):
 
 
 @pytest.fixture
-def calibrated(tumblecal, tmp_path, table1):
-    data = tmp_path / "positions.csv"
-    comments = {"serial_number": "A-17", "gravity_ms2": "9.8123", "gravity_source": "gravimeter"}
-    write_positions(data, replace(table1, comments=comments))
-    assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "c", "--noise-sd", "0.1mg").code == 0
-    return tmp_path / "c"
-
-
-@pytest.fixture
 def calibrated_as(tumblecal, tmp_path, table1):
     """Table 1 with its readings changed, calibrated with these options; whether it must not be used does not matter."""
 
     def made(added=0.0, *options) -> Path:
         comments = {"serial_number": "A-17", "gravity_ms2": "9.8123", "gravity_source": "gravimeter"}
-        data = tmp_path / "changed.csv"
+        data = tmp_path / "positions.csv"
         write_positions(data, replace(table1, comments=comments, readings=table1.readings + added))
         assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "c", *options).code in (0, 3)
         return tmp_path / "c"
 
     return made
+
+
+@pytest.fixture
+def calibrated(calibrated_as):
+    return calibrated_as(0.0, "--noise-sd", "0.1mg")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from dcc_schema import schema_of_dcc
 from scipy.stats import t as student
+from test_certificate import SPACES
 
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
@@ -15,7 +16,6 @@ from tumblecal.ground.gravity import Gravity
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
-SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 G_MS2, DOF, HALF = 9.8123, 8, 3e-4
 # bias_x = 1 mg + 0.1 mg/degC h - 2 ug/degC^2 h^2, h = T - 25 degC; sd of the three coefficients, g.
 BIAS, SD = (1e-3, 1e-4, -2e-6), (2e-5, 1e-6, 3e-8)

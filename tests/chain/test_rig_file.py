@@ -128,21 +128,6 @@ dbeta = "3"
         assert re.search(rf"{re.escape(str(path))}:line \d+: {re.escape(place)}", text), place
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("schema = [", "not TOML"),
-        ("", "schema: is missing"),
-        ('schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = [0]\n', "give either alpha_deg and beta_deg"),
-    ],
-)
-def test_files_that_are_no_rig(tmp_path, text, words):
-    path = tmp_path / "bad.toml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=words):
-        read_rig(path)
-
-
 def test_data_with_an_undescribed_mount(configs):
     from tumblecal.chain import settings
 

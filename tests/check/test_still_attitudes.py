@@ -5,28 +5,15 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from recordings_made import FACES, faces_in_turn
 
 from tumblecal import InputError
 from tumblecal.check.attitudes import directions_of, still_attitudes
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
-FACES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
-RATE = 50.0
-
-
-def samples(faces, seconds=4.0):
-    """Readings (n, 3) in g at rest in each attitude, with turns between them."""
-    rng, parts = np.random.default_rng(3), []
-    for face, after in zip(faces, [*faces[1:], faces[-1]], strict=True):
-        turn = np.linspace(0, 1, 25)[:, None]
-        parts += [np.tile(face, (int(seconds * RATE), 1)), (1 - turn) * face + turn * after + 0.2 * np.sin(9 * turn)]
-    force = np.concatenate(parts[:-1])
-    return force + 1e-3 * rng.normal(size=force.shape)
-
-
 def log(path: Path, force, **more) -> Path:
-    columns = {"time_s": np.arange(len(force)) / RATE, **{f"a{axis}_g": force[:, k] for k, axis in enumerate("xyz")}}
+    columns = {"time_s": np.arange(len(force)) / 50, **{f"a{axis}_g": force[:, k] for k, axis in enumerate("xyz")}}
     pl.DataFrame(columns | more).write_csv(path)
     return path
 
@@ -36,7 +23,7 @@ def attitudes(files, context=KnownContext(), options=RecordingOptions()):
 
 
 def test_a_log_has_the_attitudes_of_its_intervals_at_rest(tmp_path):
-    found = attitudes([log(tmp_path / "log.csv", samples(FACES))])
+    found = attitudes([log(tmp_path / "log.csv", faces_in_turn(FACES))])
     assert directions_of(found) == 6 and found.data.hand_held
     np.testing.assert_allclose(found.data.readings, FACES, atol=1e-3)
     assert found.dwells.still_s == pytest.approx(24, abs=4) and found.dwells.stillness is not None
@@ -67,7 +54,7 @@ def test_rows_of_means_are_taken_as_they_are(tmp_path):
 
 def test_too_few_attitudes_and_kelvin_are_one_line(tmp_path):
     with pytest.raises(InputError, match="only 2 attitudes"):
-        attitudes([log(tmp_path / "two.csv", samples(FACES[:2]))])
-    force = samples(FACES)
+        attitudes([log(tmp_path / "two.csv", faces_in_turn(FACES[:2]))])
+    force = faces_in_turn(FACES)
     with pytest.raises(InputError, match="are in kelvin"):
         attitudes([log(tmp_path / "warm.csv", force, temperature_degc=np.full(len(force), 298.0))])

@@ -6,11 +6,14 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
+import blind_instrument as blind
 from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Journal, sha256_of
 from tumblecal.capture.log import LogWriter, RecordKind
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols.stim300 import encode
+from tumblecal.recordings.reduce import reduced
+from tumblecal.recordings.reduction import write_reduction
 
 
 RATE_HZ, DWELL_S, STEP_S = 50.0, 30.0, 60.0
@@ -94,3 +97,15 @@ def write_capture(
     journal.close()
     log.close()
     return Recorded(folder, samples, times)
+
+
+def wandering(folder: Path, effects: dict) -> Recorded:
+    """A blind instrument with these effects in a wander of 80 ug and 60 s, seven times the white noise of a mean."""
+    setup = blind.random_setup(np.random.default_rng(4), 3, 8)
+    readings = blind.readings(setup, setup.nominal, effects)
+    return write_capture(folder, readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0)
+
+
+def means_of(recorded: Recorded) -> Path:
+    """The position file that `reduce` makes of it."""
+    return write_reduction(reduced([recorded.folder]), recorded.folder)[0]

@@ -81,5 +81,3 @@ def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, two_files):
     outcome = tumblecal("diagnose", "--join", "--same-run", *two_files, *options)
     assert outcome.out.startswith("Assumed: one run for all 2 files.\n")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] != "adequate"
-    outcome = tumblecal("diagnose", "--same-run", *two_files, *options)
-    assert outcome.code == 2 and outcome.lines == ["tumblecal: --same-run is for joined files only; add --join"]

@@ -5,9 +5,7 @@ import json
 import numpy as np
 import polars as pl
 import pytest
-from capture_folder import write_capture
-
-import blind_instrument as blind
+from capture_folder import means_of, wandering
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -16,17 +14,12 @@ pytestmark = pytest.mark.usefixtures("few_effects")
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A quadratic error of y in noise whose slow part is seven times the white noise of a mean."""
-    setup = blind.random_setup(np.random.default_rng(4), 3, 8)
-    readings = blind.readings(setup, setup.nominal, {"second_order.y": [0.5e-3]})
-    return write_capture(tmp_path_factory.mktemp("lab") / "run", readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0)
+    return wandering(tmp_path_factory.mktemp("lab") / "run", {"second_order.y": [0.5e-3]})
 
 
 @pytest.fixture(scope="module")
 def means(recorded):
-    from tumblecal.recordings.reduce import reduced
-    from tumblecal.recordings.reduction import write_reduction
-
-    return write_reduction(reduced([recorded.folder]), recorded.folder)[0]
+    return means_of(recorded)
 
 
 @pytest.fixture(scope="module")

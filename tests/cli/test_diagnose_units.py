@@ -8,7 +8,8 @@ import polars as pl
 import pytest
 
 import blind_instrument as blind
-from tumblecal.data import PositionSet, write_positions
+from blind_sets import measured
+from tumblecal.data import write_positions
 
 
 LEVEL = 0.25e-3  # rad, of base_levelling: 7 sigma in one unit
@@ -29,19 +30,8 @@ def write_units(folder, setups, effects, seed: int, *, known: bool = True):
     rng, files = np.random.default_rng([seed, 1]), []
     folder.mkdir(exist_ok=True)
     for number, (setup, hidden) in enumerate(zip(setups, effects, strict=True)):
-        clean = blind.readings(setup, setup.nominal, hidden)
-        data = PositionSet(
-            tuple(setup.names),
-            np.degrees(setup.alpha),
-            np.degrees(setup.beta),
-            clean + blind.SIGMA * rng.normal(size=clean.shape),
-            sd=np.full(clean.shape, blind.SIGMA) if known else None,
-            time_s=setup.time_s,
-            temperature_degc=setup.temperature_degc,
-            approach=setup.approach,
-        )
         files.append(folder / f"unit{number}.csv")
-        write_positions(files[-1], data)
+        write_positions(files[-1], measured(setup, hidden, rng, known=known))
     return files
 
 
@@ -60,7 +50,7 @@ def head(tmp_path_factory):
 
 
 @pytest.fixture
-def measured(head, tumblecal, few_effects):
+def diagnosed(head, tumblecal, few_effects):
     """The folder of results of five units; made once."""
     out = head / "out"
     if not out.exists():
@@ -72,9 +62,9 @@ def measured(head, tumblecal, few_effects):
     return out
 
 
-def test_what_all_units_share_is_the_heads(measured):
+def test_what_all_units_share_is_the_heads(diagnosed):
     """And what a unit has by itself is its own."""
-    batch = told(measured)
+    batch = told(diagnosed)
     best = batch["explanations"][0]
     assert batch["schema"] == "tumblecal.diagnosis/1" and ("base_levelling",) in names(best)
     assert batch["verdict"] in ("identified", "ambiguous") and batch["detection"]["p_value"] < 1e-6
@@ -85,25 +75,25 @@ def test_what_all_units_share_is_the_heads(measured):
     assert "second_order.y" in batch["units"][1]["effects"] and batch["units"][1]["probability"] > 0.5
     assert all(not batch["units"][k]["effects"] for k in (0, 2, 4)) and batch["units"][3]["effects"] == [effect]
     for k in range(5):
-        own = told(measured / f"unit{k}")
-        assert own["causes"] == batch["units"][k]["causes"] and (measured / f"unit{k}" / "calibration.json").exists()
-    assert pl.read_csv(measured / "summary.csv").height == 5
+        own = told(diagnosed / f"unit{k}")
+        assert own["causes"] == batch["units"][k]["causes"] and (diagnosed / f"unit{k}" / "calibration.json").exists()
+    assert pl.read_csv(diagnosed / "summary.csv").height == 5
 
 
-def test_a_unit_that_does_not_show_it_stands_out(measured):
-    units = told(measured)["units"]
+def test_a_unit_that_does_not_show_it_stands_out(diagnosed):
+    units = told(diagnosed)["units"]
     assert [unit["outlying"] for unit in units] == [False, False, False, True, False]
-    page = (measured / "diagnosis.html").read_text()
+    page = (diagnosed / "diagnosis.html").read_text()
     assert "(outlying)" in page and "<svg" in page and "second_order.y" in page
-    assert "Check unit3 separately" in (measured / "verdict.txt").read_text()
+    assert "Check unit3 separately" in (diagnosed / "verdict.txt").read_text()
 
 
-def test_a_later_calibration_on_that_head_is_better(measured, tumblecal, tmp_path):
+def test_a_later_calibration_on_that_head_is_better(diagnosed, tumblecal, tmp_path):
     """Four more units: errors of the sensor's parameters in their own sd, with the head known and without.
 
     The sd that are stated hold with it.
     """
-    head = measured / "head.toml"
+    head = diagnosed / "head.toml"
     content = tomllib.loads(head.read_text())
     assert content["schema"] == "tumblecal.head/1"
     assert {"dbeta@0", "dbeta@45", "dbeta@90"} < set(content["parameters"]) and len(content["covariance"]) == 4

@@ -1,26 +1,17 @@
 """A file that is given twice, and copies of it."""
 
-import os
-
 import pytest
 
+from other_names import NAMES
 from tumblecal.data import write_positions
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
 
 
-LINKS = {
-    "same path": lambda path, other: path,
-    "spelled otherwise": lambda path, other: f"{path.parent}/../{path.parent.name}/{path.name}",
-    "symbolic link": lambda path, other: other.symlink_to(path) or other,
-    "hard link": lambda path, other: os.link(path, other) or other,
-}  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("command", "link"),
-    [*zip(("calibrate", "diagnose", "diagnose --units", "diagnose --join"), LINKS.values(), strict=True)],
+    [*zip(("calibrate", "diagnose", "diagnose --units", "diagnose --join"), NAMES.values(), strict=True)],
 )
 def test_a_file_given_twice_is_refused(tumblecal, tmp_path, table1, table1_file, command, link):
     write_positions(tmp_path / "third.csv", table1.chosen(range(20)))

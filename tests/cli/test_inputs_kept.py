@@ -1,6 +1,5 @@
 """Inputs are never overwritten, and odd names and numbers are one clear line each."""
 
-import os
 import subprocess
 import sys
 import tomllib
@@ -10,20 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from other_names import NAMES
 from tumblecal.data import read_positions, write_positions
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.ground.strict_toml import toml_string
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
-
-
-LINKS = {
-    "as it is": lambda path, other: path,
-    "dot": lambda path, other: f"{path.parent}/./{path.name}",
-    "symbolic link": lambda path, other: other.symlink_to(path) or other,
-    "hard link": lambda path, other: os.link(path, other) or other,
-}  # fmt: skip
 
 
 @pytest.fixture
@@ -49,11 +41,11 @@ FILES = {
 
 @pytest.mark.parametrize(
     ("command", "link"),
-    [*((command, "symbolic link") for command in FILES), *(("apply to the data", link) for link in LINKS)],
+    [*((command, "symbolic link") for command in FILES), *(("apply to the data", link) for link in NAMES)],
 )
 def test_an_output_that_is_an_input(tumblecal, inputs, command, link):
     arguments, name = FILES[command]
-    out = LINKS[link](inputs / name, inputs / f"other{Path(name).suffix}")
+    out = NAMES[link](inputs / name, inputs / f"other{Path(name).suffix}")
     before = {path: path.read_bytes() for path in inputs.iterdir()}
     outcome = tumblecal(*(argument.format(tmp=inputs) for argument in arguments), out)
     assert outcome.code == 2

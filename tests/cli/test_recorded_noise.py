@@ -1,12 +1,10 @@
 """The noise model in positions.csv: `calibrate` and `diagnose` use it without an option, and refuse one that is none."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from capture_folder import write_capture
+from capture_folder import means_of, wandering
 
 from tumblecal.data import read_positions
 from tumblecal.data.joined import joined
@@ -17,24 +15,13 @@ from tumblecal.noise import Covariance
 from tumblecal.noise.recorded import recorded_covariance
 
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import blind_instrument as blind
-
-
 pytestmark = pytest.mark.usefixtures("few_effects")
 
 
 @pytest.fixture(scope="module")
 def means(tmp_path_factory):
     """A null run in a wander of 80 ug and 60 s, seven times the white noise of a mean; reduced."""
-    from tumblecal.recordings.reduce import reduced
-    from tumblecal.recordings.reduction import write_reduction
-
-    setup = blind.random_setup(np.random.default_rng(4), 3, 8)
-    readings = blind.readings(setup, setup.nominal, {})
-    folder = tmp_path_factory.mktemp("lab") / "run"
-    write_capture(folder, readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0)
-    return write_reduction(reduced([folder]), folder)[0]
+    return means_of(wandering(tmp_path_factory.mktemp("lab") / "run", {}))
 
 
 @pytest.mark.long

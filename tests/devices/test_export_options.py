@@ -38,9 +38,6 @@ def test_drift_terms_are_a_loss_not_a_fault(tumblecal, tmp_path):
     )
     said = tumblecal("export", path, "--to", "csv", "--run-time", "30 min", "--out", tmp_path / "unit.csv").out
     assert "lost: drift, over 0.5 h: up to 0.5 mg\n" in said
-    for text, fault in (("30", "--run-time: '30' has no unit"), ("0 h", "--run-time: '0 h': must be above 0")):
-        outcome = tumblecal("export", path, "--to", "csv", "--run-time", text)
-        assert outcome.code == 2 and fault in outcome.lines[0]
     write_calibration(path, own)
     said = tumblecal("export", path, "--to", "csv", "--run-time", "8 h", "--out", tmp_path / "unit.csv").out
     assert "--run-time 8 h: no effect on the export of this calibration to csv" in said

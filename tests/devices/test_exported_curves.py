@@ -1,16 +1,14 @@
 """Curves of temperature in every target, by its own formula (tests/device_formulas.py) next to apply."""
 
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
-from test_targets import FORMULAS, MAIN, TERMS, G, applied, attitudes
+from test_targets import FORMULAS, TERMS, G, applied, attitudes, exported, run_in_c
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, triad_of
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves, order_of_covariance
-from tumblecal.devices import TARGETS, Export, losses
 from tumblecal.ground.gravity import Gravity
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
@@ -63,20 +61,13 @@ def readings_of(kind: str, force: np.ndarray, degc: np.ndarray) -> np.ndarray:
     return np.einsum("rij,rj->ri", triad_of(values), force) + values[:, 3:6]
 
 
-def exported(name, calibration, span=SPAN, **more):
-    target = TARGETS[name]
-    export = Export(target.carried(calibration, span, more.get("at_degc")), G, ("about",), span, **more)
-    text = target.write(export)
-    return text, losses(target, export, calibration, text)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", [name for name in FORMULAS if name != "c-header" or shutil.which("cc")])
 def test_the_error_of_every_target_is_the_stated_loss(name, kind):
     degc = np.repeat(np.linspace(*SPAN, 141), 150)
     force = attitudes(len(degc))
     readings = readings_of(kind, force, degc)
-    text, lost = exported(name, unit(kind))
+    text, lost = exported(name, unit(kind), SPAN)
     error = 1e3 * np.max(np.abs(applied(name, text, readings, degc, G) - force))
     total = max((loss.mg for loss in lost if not loss.what.startswith("in addition")), default=0.0)
     assert error <= total * 1.03 + 3e-4 and error >= total * 0.9 - 3e-4, [str(loss) for loss in lost]
@@ -91,7 +82,7 @@ def test_the_bias_of_an_autopilot_is_the_least_squares_cubic(name, kind):
     degc = np.linspace(*SPAN, 1001)
     bias = at(kind, degc)[:, 3:6]
     fitted = np.array([np.polynomial.Polynomial.fit(degc, column, 3)(degc) for column in bias.T]).T
-    text, lost = exported(name, unit(kind))
+    text, lost = exported(name, unit(kind), SPAN)
     scale = np.diag(np.linalg.inv(triad_of(VALUES)))
     np.testing.assert_allclose(applied(name, text, bias, degc, G), (bias - fitted) * scale, atol=3e-8)
     rest = 1e3 * np.max(np.abs(bias - fitted))
@@ -106,17 +97,10 @@ def test_the_header_in_c_agrees_to_rounding_and_keeps_the_ends(tmp_path, real, t
     kind = "spline"
     own = unit(kind, terms=TERMS if form == "terms" else ())
     step = 2.0 if form == "table" else None
-    (tmp_path / "calibration.h").write_text(exported("c-header", own, table_step_degc=step)[0])
-    (tmp_path / "main.c").write_text(MAIN.replace("THERMAL", "(TUMBLECAL_REAL)in[3],"))
-    strict = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", f"-DTUMBLECAL_REAL={real}"]
-    # Unused functions of a header are no fault, but clang warns about them.
-    subprocess.run([*strict, "main.c", "-o", "main"], cwd=tmp_path, check=True)
     rng = np.random.default_rng(3)
     readings = rng.uniform(-1.4, 1.4, (20_000, 3)).astype(np.float32).astype(float)
     degc = rng.uniform(-20, 70, 20_000).astype(np.float32).astype(float)
-    out = subprocess.run(
-        [tmp_path / "main"], input=np.column_stack([readings, degc]).tobytes(), capture_output=True, check=True
-    ).stdout
+    out = run_in_c(tmp_path, exported("c-header", own, SPAN, table_step_degc=step)[0], real, readings, degc)
     if form == "table":
         rows = np.append(np.arange(-10.0, 60.0, 2.0), 60.0)
         values = np.array([np.interp(degc, rows, column) for column in at(kind, rows).T]).T
@@ -124,4 +108,4 @@ def test_the_header_in_c_agrees_to_rounding_and_keeps_the_ends(tmp_path, real, t
     else:
         expected = own.corrected(readings, np.clip(degc, *SPAN))
     clear = np.abs(expected[:, 1]) > 0.01
-    np.testing.assert_allclose(np.frombuffer(out).reshape(-1, 3)[clear], expected[clear], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(out[clear], expected[clear], rtol=0, atol=tolerance)

@@ -36,5 +36,3 @@ def test_files_that_are_none_are_one_line(tmp_path, name):
     path.write_text("SM: [1e999, 0, 0, 0, 1, 0, 0, 0, 1]\nbias: [0, 0, 0]")
     with pytest.raises(InputError, match=r"not finite|cannot"):
         read_any(f"ros:{path}")
-    with pytest.raises(InputError, match="formats: c-header"):
-        read_any(f"px5:{path}")

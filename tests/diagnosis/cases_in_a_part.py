@@ -1,29 +1,19 @@
-"""The population `located`: an effect that acts everywhere, at one pitch setting, or in the second half of the measurement.
+"""An effect that acts everywhere, at one pitch setting, or in the second half of the measurement.
 
 `right`: the effect is the first of `located`, or, everywhere, it is named and nothing is located. The size is that after
 the cut.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
-
 import numpy as np
 
 import blind_instrument as blind
-import tumblecal
-
-
-tumblecal.enable_float64()
-from blind.judge import Answer, Case, answer_of_diagnosis  # noqa: E402
-from blind_noise import PLANS, position_set  # noqa: E402
-from tumblecal.diagnosis import Diagnoser  # noqa: E402
+from blind_noise import PLANS
 
 
 # An effect with a smaller visible share is hidden by the cut.
 LEAST_SHARE = 0.2
 # The others are by setting or by time themselves.
 NAMES = [name for name in blind.COEFFICIENTS if name not in ("warm_up", "gravity_value") and "drift" not in name]
-KINDS = ("everywhere", "one setting", "second half")
 
 
 def case(rng: np.random.Generator, plan: str, part: str, d: float) -> tuple[blind.Setup, np.ndarray, str]:
@@ -57,22 +47,3 @@ def judged(diagnosis, name: str, part: str) -> str:
     if not located and sure:
         return "right effect everywhere" if named else "wrong and sure"
     return "right" if located[:1] == [name] else "among those told" if name in located else "else"
-
-
-def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
-    """So many cases on 24 and 48 positions, the noise stated in half of them."""
-    for number in range(count):
-        plan, known = list(PLANS)[number % 2], bool(number // 2 % 2)
-        setup, readings, name = case(np.random.default_rng([seed, KINDS.index(kind), number]), plan, kind, 15.0)
-        yield Case(kind, number, plan, known, ((name,),), position_set(setup, readings, known), name, 15.0)
-
-
-def answered(drawn: Iterable[Case]) -> Iterator[tuple[Case, Answer]]:
-    """Diagnosed; the answer is that about the part."""
-    diagnoser = Diagnoser(nested=False)
-    for own in drawn:
-        diagnosis = diagnoser(own.data)
-        result = judged(diagnosis, own.hidden, own.kind)
-        answer, single = answer_of_diagnosis(diagnosis, words=result), result in ("right", "wrong and sure")
-        labels = (own.hidden,) if result == "right" else ("elsewhere",)
-        yield own, replace(answer, labels=labels, classes=(labels,), identical=(), powers=(), single=single)

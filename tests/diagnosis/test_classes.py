@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made import classes, measured, of_size
 
 import blind_instrument as blind
+from blind_sets import classes, measured, of_size
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
 from tumblecal.lab.extended_rig import extended_rig_text

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made import measured
 
 import blind_instrument as blind
+from blind_sets import measured
 from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.estimation.plausibility import implausible_head

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made import measured
 
 import blind_instrument as blind
 from blind.plans import remounted
+from blind_sets import measured
 from tumblecal.data.sensor_parameters import SENSOR
 
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made import measured
 from scipy import stats
 
 import blind_instrument as blind
 import blind_noise
 from blind import plans as blind_plans
+from blind_sets import measured
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.estimation import problem_of
@@ -22,13 +22,13 @@ def level(diagnosis) -> float:
 
 
 def test_sd_columns_that_the_scatter_contradicts(diagnoser, hidden):
-    diagnosis = diagnoser(hidden(21, {}, noise=12 * blind.SIGMA))
+    diagnosis = diagnoser(hidden(21, {}, noise=12))
     assert diagnosis.labels == ("noise_level",) and not diagnosis.problem.known
     assert level(diagnosis) == pytest.approx(12, rel=0.25)
     assert diagnosis.screened.detection.p_value > 0.01 > diagnosis.assumed_p_value
     text = verdict_of_diagnosis(diagnosis).words()
     assert text.startswith("IDENTIFIED: The noise is not as assumed") and "under the noise as assumed" in text
-    assert level(diagnoser(hidden(22, {}, noise=blind.SIGMA / 8))) == pytest.approx(1 / 8, rel=0.25)
+    assert level(diagnoser(hidden(22, {}, noise=1 / 8))) == pytest.approx(1 / 8, rel=0.25)
 
 
 @pytest.mark.parametrize("kind", blind_noise.NOISES)

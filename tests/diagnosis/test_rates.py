@@ -10,8 +10,7 @@ import pytest
 from scipy import stats
 
 from blind import catalogue as study
-from blind.judge import right as is_right
-from blind.judge import stated
+from blind.judge import against
 
 
 CASES = 8
@@ -36,7 +35,8 @@ def judged(bench):
             case = study.hidden(rng, "3x8", names_of, sizes, **options)
             screened, noise = bench(case, known)
             truth = ("unexplained",) if group.startswith("unknown") else case.truth
-            outcomes.append((screened, *(judge(screened.best, truth, noise) for judge in (is_right, stated))))
+            judged = against(screened.best, truth, noise)
+            outcomes.append((screened, judged.right, judged.stated))
         return outcomes
 
     return cases

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from tumblecal.data import PositionSet
+from blind_noise import position_set
 from tumblecal.estimation.mean_noise import sample_noises
 from tumblecal.ground.errors import InputError
 from tumblecal.noise import Dwells, Flicker, Noise, White
@@ -28,16 +28,7 @@ def recorded(seed, parts, effects=(), extra=0.0):
     records = list(dwell_records(Noise(parts), dwells, seed, clean + extra * rng.normal(size=clean.shape)))
     middle = dwells.start_s + 30.0
     means = np.array([force.mean(0) for force in records])
-    data = PositionSet(
-        tuple(setup.names),
-        np.degrees(setup.alpha),
-        np.degrees(setup.beta),
-        means,
-        time_s=middle,
-        temperature_degc=setup.temperature_degc,
-        approach=setup.approach,
-        source="means",
-    )
+    data = replace(position_set(setup, means, known=False), time_s=middle, source="means")
     return data, DwellSamples(replace(data, source="raw"), records, RATE), dwells
 
 

@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made import classes
 from test_rates import least
 
 import blind_instrument as blind
 from blind import catalogue as study
 from blind.conditions import CONDITIONS, drawn, positions_of
-from blind.judge import right as is_right
+from blind.judge import against
 from blind_noise import position_set
+from blind_sets import classes
 from tumblecal.effects.rig_with_effects import read_rig_with_effects
 from tumblecal.estimation.setup.correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated
@@ -100,7 +100,7 @@ def test_the_hidden_set_is_in_the_class(bench, draw, known, cases):
     for seed in range(cases):
         case = draw(np.random.default_rng([8, seed]))
         screened, noise = bench(case, known)
-        assert is_right(screened.best, case.truth, noise), (seed, case.truth, screened.best.labels)
+        assert against(screened.best, case.truth, noise).right, (seed, case.truth, screened.best.labels)
 
 
 @pytest.mark.long

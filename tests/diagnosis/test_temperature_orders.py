@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import tumblecal
+from independent import specific_force
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.coefficients import about_one_reference, temperature_orders
 from tumblecal.lab.diagnosed import extended_calibration
@@ -16,12 +17,6 @@ SCALE, BIAS = np.array([2e-4, -1e-4, 3e-4]), np.array([1.1e-3, -0.8e-3, 0.8e-3])
 # Of the share (T - 25)/35: bias of third order on every axis, g.
 CUBIC = np.array([[3e-3, -2e-3, 4e-3], [-2e-3, 3e-3, -3e-3], [2.5e-3, 2e-3, 3e-3]])
 HYSTERESIS_Y = 0.5e-3
-
-
-def specific_force(alpha, beta):
-    """`Rx(alpha) Ry(beta) (0, 0, 1)`."""
-    across = np.cos(beta)
-    return np.column_stack([-np.sin(beta), across * np.sin(alpha), across * np.cos(alpha)])
 
 
 def bias(degc):

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import blind_instrument as blind
-from blind_noise import position_set
+import blind_sets
 from few_effects import few_entries
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.contradicted import priors_p_value
@@ -23,8 +23,7 @@ def measured(seed, pitches=3, bias=None):
     rng = np.random.default_rng([51, seed])
     setup = blind.random_setup(rng, pitches, 8)
     setup.nominal["bias"] = SD_BIAS * rng.normal(size=3) if bias is None else np.array(bias)
-    readings = blind.readings(setup, setup.nominal, {})
-    return position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=False)
+    return blind_sets.measured(setup, {}, rng, known=False)
 
 
 def calibrated_of(problem):

@@ -34,23 +34,15 @@ def _configs(*names: str) -> Callable[[Path], None]:
     return _all(*(lambda folder, name=name: shutil.copy(CONFIGS / name, folder) and None for name in names))
 
 
-def _exchanged(path: Path, rows: tuple[int, int]) -> None:
+def _changed(path: Path, seed: int, change: Callable[[np.ndarray], np.ndarray]) -> None:
     plan, turns = inputs.plan_of()
-    values = inputs.readings(plan, turns, 31)
-    values[list(rows)] = values[list(rows[::-1])]
-    inputs.write_table(path, inputs.positions_table(plan, values))
+    inputs.write_table(path, inputs.positions_table(plan, change(inputs.readings(plan, turns, seed))))
 
 
 def _in_ms2(path: Path) -> None:
     plan, turns = inputs.plan_of()
     columns = inputs.positions_table(plan, 9.8123 * inputs.readings(plan, turns, 32))
     inputs.write_table(path, {name.replace("_g", "_ms2"): values for name, values in columns.items()})
-
-
-def _negated(path: Path) -> None:
-    plan, turns = inputs.plan_of()
-    values = inputs.readings(plan, turns, 33) * [1, -1, 1]
-    inputs.write_table(path, inputs.positions_table(plan, values))
 
 
 _SERIAL = {"serial_number": "A-17"}
@@ -84,8 +76,10 @@ CALIBRATE = {
     "an effect": Case(_of_effects(2, "second_order", size=60), (_CALIBRATED,)),
     "m/s2": Case(_file("p.csv", _in_ms2), (_calibrate("--gravity 9.8123"),)),
     "m/s2 without gravity": Case(_file("p.csv", _in_ms2), (_calibrate(),)),
-    "exchanged rows": Case(_file("p.csv", _exchanged, (4, 5)), (_calibrate(),)),
-    "negated axis": Case(_file("p.csv", _negated), (_calibrate(),)),
+    "exchanged rows": Case(
+        _file("p.csv", _changed, 31, lambda values: values[[*range(4), 5, 4, *range(6, 24)]]), (_calibrate(),)
+    ),
+    "negated axis": Case(_file("p.csv", _changed, 33, lambda values: values * [1, -1, 1]), (_calibrate(),)),
     "six faces": Case(_hand(5), (_calibrate("--attitudes hand"),)),
     "six faces unstated": Case(_hand(6), (_calibrate(),)),
     "too few": Case(_hand(8, 4), (_calibrate("--attitudes unknown"),)),
@@ -230,11 +224,7 @@ def _written(name: str) -> Callable[[Path], None]:
 
                 scipy.io.savemat(folder / "log.mat", {key: value[:, None] for key, value in columns.items()})
             case "hdf5":
-                import h5py
-
-                with h5py.File(folder / "log.h5", "w") as file:
-                    for key, value in columns.items():
-                        file[key] = value
+                recordings_made.hdf5(folder / "log.h5", columns)
             case "ulog":
                 recordings_made.ulog(folder / "log.ulg", made)
             case "mcap":

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_history import NAMES, RNG, covariance
+from test_history import RNG, covariance
 
+from history_changes import NAMES
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.sensor_parameters import SensorParameters, triad_of
 from tumblecal.history.comparison import compare

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from blind_noise import position_set
+from blind_sets import measured
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.plan.next.competition import competition
@@ -26,9 +26,7 @@ def diagnosed():
     kept = {id: effect for id, effect in entries.items() if id == HIDDEN or effect.make is None}
     rng = np.random.default_rng(3)
     setup = blind.random_setup(rng, 3, 4)
-    readings = blind.readings(setup, setup.nominal, {HIDDEN: np.array([0.002])})
-    data = position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
-    diagnosis = Diagnoser(kept, nested=False)(data)
+    diagnosis = Diagnoser(kept, nested=False)(measured(setup, {HIDDEN: np.array([0.002])}, rng))
     best = diagnosis.best
     assert best.labels == (HIDDEN,) and best.equivalents == (OFF,)
     # Its probability decides; one that counts at any odds is an alternative however improbable it is.
@@ -72,9 +70,7 @@ def of_settings():
     kept = {id: effect for id, effect in catalogue().items() if id in names or effect.make is None}
     rng = np.random.default_rng(8)
     setup = blind.random_setup(rng, 3, 4)
-    readings = blind.readings(setup, setup.nominal, {"bias_by_pitch.z": np.array([1e-3, 1e-3])})
-    data = position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
-    return Diagnoser(kept, nested=False)(data)
+    return Diagnoser(kept, nested=False)(measured(setup, {"bias_by_pitch.z": np.array([1e-3, 1e-3])}, rng))
 
 
 def test_what_has_a_value_for_each_pitch_setting_predicts_none_for_another(of_settings):

@@ -5,6 +5,7 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
+from blind_sets import measured
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
@@ -22,11 +23,6 @@ def diagnoser():
     entries = catalogue()
     kept = ("second_order.y", "index_eccentricity", "bias_drift.x")
     return Diagnoser({id: effect for id, effect in entries.items() if id in kept or effect.make is None}, nested=False)
-
-
-def measured(setup, effects, rng):
-    readings = blind.readings(setup, setup.nominal, effects)
-    return position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
 
 
 @pytest.mark.parametrize("name", ["second_order.y", "index_eccentricity"])

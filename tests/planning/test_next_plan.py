@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
 import independent
+from blind_noise import position_set
 from independent import Instrument
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.chain.rig_file import read_rig
@@ -24,7 +25,6 @@ from tumblecal.show.next_plan import next_plan_texts
 
 
 SIGMA = 1e-4
-STEP = 1e-6
 
 
 @pytest.fixture(scope="module")
@@ -100,29 +100,24 @@ def worst_sd(rows, *, bias_by=(), dbeta_by=(0, 1), fixed=(), prior=None):
         "gamma": (shared, 3),
         "dbeta": (grouped(dbeta_by), 1),
     }
-    zero = {name: np.zeros((len(rows), width)) for name, (_, width) in leaves.items()}
+    free = [
+        (name, number, part)
+        for name, (group, width) in leaves.items()
+        if name not in fixed
+        for number in range(group.max() + 1)
+        for part in range(width)
+    ]
 
-    def readings(values):
-        f = independent.specific_force(alpha, beta + values["dbeta"][:, 0])
-        f = independent.mount(values["dtheta"]).apply(intended.apply(f))
-        g21, g31, g32 = values["gamma"].T
-        u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
-        return (1 + values["dK"]) * u + values["bias"]
+    def readings(vector):
+        values = {name: np.zeros((len(rows), width)) for name, (_, width) in leaves.items()}
+        for size, (name, number, part) in zip(vector, free, strict=True):
+            values[name][leaves[name][0] == number, part] = size
+        true = Instrument(**values | {"gamma": values["gamma"][0], "dbeta": values["dbeta"][:, 0]})
+        return independent.readings(alpha, beta, true, intended).ravel() / SIGMA
 
-    columns, watched, information = [], [], []
-    for name, (group, width) in leaves.items():
-        if name in fixed:
-            continue
-        for number in range(group.max() + 1):
-            for part in range(width):
-                moved = [dict(zero), dict(zero)]
-                for sign, values in zip((1, -1), moved, strict=True):
-                    values[name] = zero[name].copy()
-                    values[name][group == number, part] = sign * STEP
-                columns.append((readings(moved[0]) - readings(moved[1])).ravel() / (2 * STEP) / SIGMA)
-                watched.append(name in ("dK", "gamma") or (name == "bias" and number == group.max()))
-                information.append((prior or {}).get(name, 0.0))
-    jacobian = np.stack(columns, axis=1)
+    jacobian, last = independent.central(readings, 1e-6)(np.zeros(len(free))), leaves["bias"][0].max()
+    watched = [name in ("dK", "gamma") or (name, number) == ("bias", last) for name, number, _ in free]
+    information = [(prior or {}).get(name, 0.0) for name, *_ in free]
     # At 90 degrees about y two mounting angles turn about one axis: the pseudoinverse leaves the sensor's sd as they are.
     covariance = np.linalg.pinv(jacobian.T @ jacobian + np.diag(information), rcond=1e-13)
     return float(np.sqrt(np.max(np.diag(covariance)[watched])))
@@ -204,18 +199,6 @@ def test_a_rig_of_ones_own(planner, tmp_path):
     assert any("[mounts] entry" in note for note in plan.notes) == any(turn.mount for turn in plan.together)
 
 
-def extended(setup, cells, rng):
-    """The blind instrument with more positions, none of them with the triad turned."""
-    assert not any(side for _, _, side in cells)
-    return blind.extended(setup, [(alpha, beta) for alpha, beta, _ in cells], rng)
-
-
-def as_data(setup, readings):
-    return PositionSet(
-        tuple(setup.names), np.degrees(setup.alpha), np.degrees(setup.beta), readings, sd=np.full(readings.shape, SIGMA)
-    )
-
-
 def log_odds(diagnosis, first, second):
     """Log posterior odds of two single effects in the screen."""
     ranked, causes = diagnosis.screened.search.ranked(), diagnosis.screened.pool.causes
@@ -239,15 +222,15 @@ def test_the_proposed_positions_separate_the_explanations(planner):
         size, *_ = blind.sized(setup, blind.unreachable(setup), "second_order.z", 8.0, rng)
         effects = {"second_order.z": np.abs(size)}
         readings = blind.readings(setup, setup.nominal, effects) + SIGMA * rng.normal(size=(24, 3))
-        diagnosis = planner(as_data(setup, readings))
+        diagnosis = planner(position_set(setup, readings, True, columns=False))
         plan = next_plan(diagnosis, allowed)
         if diagnosis.best.labels != ("second_order.z",) or plan.purpose != SEPARATE:
             continue
         # One function at 1 g is no alternative: no position would separate it.
         assert not any("cross_axis_square.z" in note for note in plan.notes)
-        more = extended(setup, cells_of(plan.together), rng)
+        more = blind.extended(setup, [(alpha, beta) for alpha, beta, _ in cells_of(plan.together)], rng)
         noisy = blind.readings(more, more.nominal, effects)[24:] + SIGMA * rng.normal(size=(plan.positions, 3))
-        again = planner(as_data(more, np.concatenate([readings, noisy])))
+        again = planner(position_set(more, np.concatenate([readings, noisy]), True, columns=False))
         said.append(plan.value)
         got.append(log_odds(again, "second_order.z", "scale_asymmetry.z"))
         got[-1] -= log_odds(diagnosis, "second_order.z", "scale_asymmetry.z")

@@ -1,11 +1,12 @@
 """Recordings of one virtual hand-held session, written as other programs write them."""
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from damaged_made import imu_messages, write_ros1_bag
 from hand_held_sessions import Hand, Session, session
 from tumblecal.recordings.columns import Layout
 from tumblecal.recordings.damage import Damage
@@ -20,6 +21,19 @@ ATTITUDES = np.array(
 )  # fmt: skip
 
 ANGLES = {"x_p": (0, -90), "x_n": (0, 90), "y_p": (90, 0), "y_n": (-90, 0), "z_p": (0, 0), "z_n": (180, 0)}
+
+
+FACES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
+
+
+def faces_in_turn(faces: np.ndarray = FACES) -> np.ndarray:
+    """Readings (n, 3) in g at 50 Hz: four seconds at rest on each face, with turns between them."""
+    rng, parts = np.random.default_rng(3), []
+    for face, after in zip(faces, np.roll(faces, -1, axis=0), strict=True):
+        turn = np.linspace(0, 1, 25)[:, None]
+        parts += [np.tile(face, (200, 1)), (1 - turn) * face + turn * after + 0.2 * np.sin(9 * turn)]
+    force = np.concatenate(parts[:-1])
+    return force + 1e-3 * rng.normal(size=force.shape)
 
 
 def recording_of(layout: Layout, path: str = "f", more_tables: Sequence[Table] = (), **known) -> Recording:
@@ -51,33 +65,30 @@ def imu_columns(s: Session) -> dict[str, np.ndarray]:
     return columns | {f"gyr_{axis}": np.radians(s.rate[:, k]) for k, axis in enumerate("xyz")} | {"temp": s.warmth}
 
 
-def _messages(s: Session, store, *, ros1: bool):
-    types = store.types
-    stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-    vector, turn_type = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    imu, covariance = types["sensor_msgs/msg/Imu"], np.zeros(9)
-    force, rate = G * s.force, np.radians(s.rate)
-    for k, time in enumerate(s.time_s):
-        nanoseconds = round(time * 1e9)
-        at = stamp(sec=1_700_000_000 + nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-        head = header(**({"seq": k} if ros1 else {}), stamp=at, frame_id="imu")
-        own = imu(
-            head, turn_type(0.0, 0.0, 0.0, 1.0), covariance, vector(*rate[k]), covariance, vector(*force[k]), covariance
-        )
-        yield 1_700_000_000 * 10**9 + nanoseconds, own
+def hdf5(path: Path, columns: Mapping[str, np.ndarray], *, matlab: bool = False) -> Path:
+    """Datasets of a file, or the variables of a MATLAB file of version 7.3 with the objects that MATLAB adds."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512 if matlab else 0) as file:
+        for name, values in columns.items():
+            file[name] = values[None] if matlab else values
+        if matlab:
+            file["objects"] = np.zeros((600, 1), np.uint32)
+            file["objects"].attrs["MATLAB_object_decode"] = 3
+    if matlab:
+        with path.open("r+b") as content:
+            content.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    return path
+
+
+def _motion(s: Session) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time in s, force in m/s^2, rate in rad/s."""
+    return s.time_s, G * s.force, np.radians(s.rate)
 
 
 def ros1_bag(path: Path, s: Session, topic="/imu/data") -> Path:
     """A ROS 1 bag with an IMU."""
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    with Writer(path) as bag:
-        connection = bag.add_connection(topic, "sensor_msgs/msg/Imu", typestore=store)
-        for stamp, message in _messages(s, store, ros1=True):
-            bag.write(connection, stamp, store.serialize_ros1(message, "sensor_msgs/msg/Imu"))
-    return path
+    return write_ros1_bag(path, topic, *_motion(s))
 
 
 def ros2_bag(path: Path, s: Session, *, mcap: bool, with_imu=True) -> Path:
@@ -95,7 +106,7 @@ def ros2_bag(path: Path, s: Session, *, mcap: bool, with_imu=True) -> Path:
             return path
         imu = bag.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
         warm = bag.add_connection("/imu/temperature", "sensor_msgs/msg/Temperature", typestore=store)
-        for k, (stamp, message) in enumerate(_messages(s, store, ros1=False)):
+        for k, (stamp, message) in enumerate(imu_messages(store, *_motion(s))):
             if k % 10 == 0:
                 own = temperature(message.header, float(s.warmth[k]), 0.0)
                 bag.write(warm, stamp, store.serialize_cdr(own, "sensor_msgs/msg/Temperature"))

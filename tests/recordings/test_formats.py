@@ -6,6 +6,7 @@ import json
 import numpy as np
 import polars as pl
 import pytest
+from recordings_made import hdf5
 
 import damaged_made as made
 from tumblecal.ground.errors import InputError
@@ -48,15 +49,7 @@ def matlab_struct(path):
 
 
 def matlab_73(path):
-    import h5py
-
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, values in SAMPLES.items():
-            file[name] = values[None]
-        file["objects"] = np.zeros((600, 1), np.uint32)
-        file["objects"].attrs["MATLAB_object_decode"] = 3
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    hdf5(path, SAMPLES, matlab=True)
 
 
 WRITTEN = {

@@ -6,11 +6,9 @@ import json
 import numpy as np
 import polars as pl
 import pytest
+from recordings_made import faces_in_turn
 
 import tumblecal
-
-
-FACES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
 
 
 def log(path, force):
@@ -24,12 +22,7 @@ def log(path, force):
 
 @pytest.fixture
 def faces():
-    rng, parts = np.random.default_rng(3), []
-    for face, after in zip(FACES, np.roll(FACES, -1, axis=0), strict=True):
-        turn = np.linspace(0, 1, 25)[:, None]
-        parts += [np.tile(face, (200, 1)), (1 - turn) * face + turn * after + 0.2 * np.sin(9 * turn)]
-    force = np.concatenate(parts[:-1])
-    return force + 2e-3 * rng.normal(size=force.shape)
+    return faces_in_turn()
 
 
 def test_a_recording_has_its_samples_and_their_evidence_until_it_is_dropped(tmp_path, faces):

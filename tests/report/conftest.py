@@ -59,15 +59,19 @@ class Browser:
         )
         return done.stdout
 
-    def seen(self, page: Path, width: int = 1000) -> tuple[dict, str]:
-        """What the browser made of a page: counts, written into its title by a script added for it, and the document."""
+    def whole(self, page: Path, figures: int, width: int = 1000) -> str:
+        """The document of a page with so many figures, each drawn; no link or id is wrong, nothing runs out of the window, and
+        one file has all of it. A script that is added writes the counts into the title."""
         copy = self.folder / "page.html"
         copy.write_text(page.read_text(encoding="utf-8").replace("</body>", PROBE + "</body>"), encoding="utf-8")
         window = f"--window-size={width},800"
         document = self(window, "--virtual-time-budget=5000", "--dump-dom", copy.as_uri())
         title = re.search(r"<title>(.*?)</title>", document, re.S)
         assert title is not None
-        return json.loads(title[1]), document
+        seen = json.loads(title[1])
+        assert seen["figures"] == seen["drawn"] == figures and (seen["paths"] > 100 or not figures), seen
+        assert seen["dangling"] == seen["twice"] == seen["broken"] == seen["resources"] == 0 and seen["wide"] <= 0, seen
+        return document
 
     def title(self, page: Path, *flags: str) -> str:
         """The title that a page's script has given it."""

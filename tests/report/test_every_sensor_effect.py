@@ -1,7 +1,7 @@
 """Every effect of the sensor reaches the calibration, or is named with its reason and size; the same for every export.
 
-The readings are simulated here, without noise, from the formulas of the effects alone (plain numpy). They are fitted by the
-program's chain, and the calibration is applied at other attitudes and temperatures.
+The readings are simulated without noise, from the formulas of the effects alone, here and in the blind instrument (numpy). They
+are fitted by the program's chain, and the calibration is applied at other attitudes and temperatures.
 """
 
 import shutil
@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import blind_instrument as blind
 from device_formulas import FORMULAS, applied
 from independent import Instrument, mount, passive, specific_force
 from independent import readings as linear_readings
@@ -95,9 +96,8 @@ def added(id, u, where):
     """What an effect of coefficients 1 adds to the readings (rows, 3) for inputs u: (coefficients, rows, 3); `where` has degc,
     time, run and pitch setting of each row, in measuring order, and the rows of the data's mean temperature and start."""
     kind, _, axis = id.partition(".")
-    axis, _, pair = axis.partition(".")
-    k = "xyz".find(axis) if axis else 0
-    others = [other for other in range(3) if other != k]
+    k, nil = "xyz".index(axis[:1] or "x"), np.zeros(len(u))
+    setup = blind.Setup(nil, nil, where.time, where.degc, nil, where.pitch, {})
     one, warm, time = np.ones(len(u)), where.degc - 25.0, where.time - PLAN.time[0]
     before = np.r_[0, np.arange(len(u) - 1)]
     before = np.where(where.run[before] == where.run, before, np.arange(len(u)))
@@ -110,33 +110,9 @@ def added(id, u, where):
         return table
 
     match kind:
-        case "second_order" | "third_order" | "fifth_order":
-            signals = [u[:, k] ** {"second": 2, "third": 3, "fifth": 5}[kind.partition("_")[0]]]
-        case "scale_asymmetry":
-            signals = [np.abs(u[:, k])]
-        case "bias_asymmetry":
-            signals = [np.sign(u[:, k])]
-        case "cross_coupling":
-            signals = [u[:, "xyz".index(pair[0])] * u[:, "xyz".index(pair[1])]]
-        case "cross_axis_square":
-            signals = [u[:, other] ** 2 for other in others]
         case _ if order in ORDERS and parameter in ("bias_temperature", "scale_temperature"):
             factor = u[:, k] if parameter == "scale_temperature" else one
             signals = [factor * warm**power for power in range(1, ORDERS[order] + 1)]
-        case "bias_drift":
-            signals = [time]
-        case "bias_drift_square":
-            signals = [(where.time - PLAN.time.mean()) ** 2]
-        case "scale_drift":
-            signals = [u[:, k] * time]
-        case "misalignment_drift":
-            signals = [u[:, other] * time for other in others]
-        case "bias_temperature":
-            signals = [warm]
-        case "scale_temperature":
-            signals = [u[:, k] * warm]
-        case "misalignment_temperature":
-            signals = [u[:, other] * warm for other in others]
         case "bias_temperature_square":
             signals = [(where.degc - PLAN.degc.mean()) ** 2]
         case "bias_hysteresis":
@@ -145,16 +121,8 @@ def added(id, u, where):
         case "temperature_rate":
             passed = where.time - where.time[before]
             signals = [60 * (where.degc - where.degc[before]) / np.where(passed > 0, passed, 1.0)]
-        case "memory":
-            signals = [u[before, k] - u[:, k]]
-        case "hysteresis":
-            signals = [np.clip((u[:, k] - u[before, k]) / 0.1, -1, 1)]
         case "run_drift":
             signals = [np.where(where.run == run, where.time - where.time[where.run == run][0], 0) for run in "12"]
-        case "bias_by_pitch":
-            signals = [one * (where.pitch == number) for number in range(1, 5)]
-        case "scale_by_pitch":
-            signals = [u[:, k] * (where.pitch == number) for number in range(1, 5)]
         case "bias_repeatability":
             return [on(own, one * (where.run == "2")) for own in range(3)]
         case "warm_up":
@@ -178,7 +146,7 @@ def added(id, u, where):
         case "my_own":
             return [on(2, u[:, 0] ** 2 * u[:, 1])]
         case _:
-            raise KeyError(id)
+            signals = blind.of_an_axis(setup, u, k, (where.run == "2").astype(int))[id]
     return [on(k, signal) for signal in signals]
 
 
@@ -241,7 +209,7 @@ def held_out(id):
     degc, u = np.repeat([-12.0, 21.0, 55.0], 20), f @ TRIAD.T
     readings = (1 + TRUE.dK) * u + TRUE.bias
     if ENTRIES[id].forms:
-        where = SimpleNamespace(degc=degc, time=np.zeros(60), run=np.full(60, "1"), pitch=np.zeros(60, int))
+        where = SimpleNamespace(degc=degc, time=np.arange(60), run=np.full(60, "1"), pitch=np.zeros(60, int))
         readings += np.tensordot(simulated(id)[2], np.array(added(id, u, where)), 1)
     return f, degc, readings
 
@@ -304,7 +272,7 @@ def test_every_export_carries_it_or_lists_it_as_a_loss(model, id):
     f = np.concatenate([rng.normal(size=(400, 3)), np.eye(3), -np.eye(3)])
     f /= np.linalg.norm(f, axis=1)[:, None]
     degc, u = rng.choice(np.linspace(*SPAN, 9), len(f)), f @ TRIAD.T
-    where = SimpleNamespace(degc=degc, time=np.zeros(len(f)), run=np.full(len(f), "1"), pitch=np.zeros(len(f), int))
+    where = SimpleNamespace(degc=degc, time=np.arange(len(f)), run=np.full(len(f), "1"), pitch=np.zeros(len(f), int))
     readings = (1 + TRUE.dK) * u + TRUE.bias + np.tensordot(simulated(id)[2], np.array(added(id, u, where)), 1)
     clear = np.all(np.abs(u) > 0.01, axis=1) | ("bias_asymmetry" not in id)
     for name, target in TARGETS.items():

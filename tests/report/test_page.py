@@ -55,13 +55,7 @@ def test_reproduce_writes_everything(reproduced, page):
 
 
 def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
-    seen, document = chromium.seen(page)
-    assert seen["figures"] == seen["drawn"] == 7
-    assert seen["paths"] > 100
-    assert seen["dangling"] == 0 and seen["twice"] == 0
-    assert seen["wide"] <= 0  # nothing runs out of the window
-    assert seen["resources"] == 0  # one file holds all of it
-    cells = Cells()
+    document, cells = chromium.whole(page, 7), Cells()
     cells.feed(document)
     assert ["dK_x", "1e-3", "0.35", "0.22"] in [row[:4] for row in cells.rows]
     assert any(

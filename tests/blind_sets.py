@@ -7,10 +7,10 @@ from blind_noise import position_set
 from tumblecal.data import PositionSet
 
 
-def measured(setup, effects, rng, *, known: bool = True, noise=1.0) -> PositionSet:
+def measured(setup, effects, rng, *, known: bool = True, noise=1.0, columns: bool = True) -> PositionSet:
     """Readings with these effects and white noise; `noise`: its sd as a multiple of the stated one."""
     clean = blind.readings(setup, setup.nominal, effects)
-    return position_set(setup, clean + blind.SIGMA * noise * rng.normal(size=clean.shape), known)
+    return position_set(setup, clean + blind.SIGMA * noise * rng.normal(size=clean.shape), known, columns)
 
 
 def of_size(setup, name: str, direction, d: float) -> np.ndarray:
