@@ -11,11 +11,12 @@ from jaxtyping import Float
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.columns import Input, groups_of
 from tumblecal.estimation.programs import compiler_options
+from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import expansion, fit_chain
 
 
-# Trials that are fitted at once.
-_BLOCK = 1000
+# Trials that are fitted at once, and the smallest number of all.
+_BLOCK, _FEWEST = 1000, 100
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,11 @@ def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
 
     Inputs that are equal at all positions act through the exact chain; separate ones for each position by their derivatives.
     The noise is drawn from the covariance of the fit, including correlations between positions.
+
+    **Raises:** `InputError` for too few trials.
     """
+    if trials < _FEWEST:
+        raise InputError(f"--monte-carlo {trials}: at least {_FEWEST} trials")
     problem = replace(budget.fit.problem, chain=budget.fit.chain)
     quick = compiler_options()
     fitted = jax.jit(partial(fit_chain, problem, expansion(problem)), compiler_options=quick)

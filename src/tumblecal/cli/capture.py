@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.command import warn
 from tumblecal.cli.options import options, within
+from tumblecal.cli.terminal import warn
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
 
@@ -127,7 +127,7 @@ def capture(
     from tumblecal.capture.run import run_folder
     from tumblecal.capture.run.session import capture as guided
     from tumblecal.capture.run.stop_signals import Stopped
-    from tumblecal.cli.interrupts import end_by
+    from tumblecal.cli.endings import end_by
     from tumblecal.cli.live_estimate import live_estimate
 
     if plan is not None and out is not None and resume is None:

@@ -3,8 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.cli.command import names_written, results, warn
 from tumblecal.cli.options import Quiet
+from tumblecal.cli.result_files import names_written, results
+from tumblecal.cli.terminal import warn
 from tumblecal.ground.errors import InputError
 
 

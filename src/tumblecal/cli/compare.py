@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.cli.command import warn
 from tumblecal.cli.options import Quiet
+from tumblecal.cli.terminal import warn
 
 
 if TYPE_CHECKING:

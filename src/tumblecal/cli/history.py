@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.cli.command import names_written, results, warn
 from tumblecal.cli.options import Files, Probability, Quiet, Texts, options
+from tumblecal.cli.result_files import names_written, results
+from tumblecal.cli.terminal import warn
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import suggested

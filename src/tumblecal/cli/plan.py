@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from tumblecal.cli.command import Command, results
+from tumblecal.cli.command import Command
 from tumblecal.cli.options import Count, Files, Positive, Seed, Texts, options
+from tumblecal.cli.result_files import results
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import angles, numbers, pairs, sizes
 

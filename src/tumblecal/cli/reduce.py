@@ -5,9 +5,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.command import Command, names_written, results, warn
+from tumblecal.cli.command import Command
 from tumblecal.cli.options import Quiet
 from tumblecal.cli.recording_options import Context, Recording, Rest
+from tumblecal.cli.result_files import names_written, results
+from tumblecal.cli.terminal import warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.guesses import guessed

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from tumblecal.cli.command import Command, results
+from tumblecal.cli.command import Command
 from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
 from tumblecal.cli.options import Seed
+from tumblecal.cli.result_files import results
 
 
 _DIAGNOSIS = "diagnosis"

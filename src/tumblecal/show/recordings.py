@@ -69,6 +69,12 @@ def reduction_lines(dwells: "DwellSamples") -> Iterator[str]:
     yield from dwells.lines
 
 
+def interval_lines(dwells: "DwellSamples") -> list[str]:
+    """How attitudes were found: the number of intervals at rest, and those that were rejected."""
+    words = words_of_reduction(dwells)
+    return [*dwells.lines, *(line for block in ("intervals", "steps", "rejected") for line in words.lines(block))]
+
+
 def unusual_lines(reduction: "Reduction") -> list[str]:
     """What the checks of the dwells found that is unusual."""
     # Tables of means have no checks.

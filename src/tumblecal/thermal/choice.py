@@ -1,12 +1,11 @@
 """The model of a table: leaves that its attitudes determine, orders of their functions, signals that are not of temperature."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tumblecal.chain.following import CHANGE
-from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.priors import Priors
@@ -20,6 +19,7 @@ from tumblecal.thermal.hysteresis import FORMS, forms_of
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel
 from tumblecal.thermal.orders import Search, above_hysteresis, chains_of, confirmed, unseparated
 from tumblecal.thermal.signals import NAMES
+from tumblecal.thermal.stated import Stated
 from tumblecal.thermal.usual_sizes import AT_REFERENCE, SLOPE
 
 
@@ -31,21 +31,6 @@ _SHOWN = 3
 _DETERMINED = 0.5
 # Usual size of angles of attitudes and mountings, rad: not known.
 _ANGLE = 1.0
-
-
-@dataclass(frozen=True)
-class Stated:
-    """What the user states; the rest is chosen.
-
-    - `orders`: highest order by leaf (0: constant). `knots_degc`: knots by leaf. `reference_degc`: of all functions.
-    - `base`: a calibration of the unit, for parameters that the attitudes do not determine. Its temperature is the reference
-      if it was measured.
-    """
-
-    orders: Mapping[str, int] = field(default_factory=dict)
-    knots_degc: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    reference_degc: float | None = None
-    base: Calibration | None = None
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,12 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.record import table
 from tumblecal.recordings.thermal.thermal_table import SDS, ThermalTable
 from tumblecal.thermal import signals as kinds
-from tumblecal.thermal.choice import Choice, Stated, chosen_model
+from tumblecal.thermal.choice import Choice, chosen_model
 from tumblecal.thermal.expanded import Test, expanded_g, span_of_bias
 from tumblecal.thermal.held_out import HeldOut, between_recordings, held_out
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES
 from tumblecal.thermal.orders import OF_HYSTERESIS, chains_of
+from tumblecal.thermal.stated import Stated
 from tumblecal.thermal.usual_sizes import HISTORY
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.command import names_written, warn
 from tumblecal.cli.options import Count, Seed, options, within
+from tumblecal.cli.result_files import names_written
+from tumblecal.cli.terminal import warn
 from tumblecal.ground.counted import counted, duration
 from tumblecal.ground.errors import InputError
 
