@@ -5,7 +5,6 @@ from tumblecal.cli.terminal import warn
 from tumblecal.data import PositionSet
 from tumblecal.data.overwriting import given_once
 from tumblecal.data.position_notes import position_notes
-from tumblecal.estimation.joined_files import joined_files
 from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.ground.errors import InputError
 
@@ -39,6 +38,8 @@ def read_each(
                 raise
             read.append(fault)
     if files.joining.join:
+        from tumblecal.estimation.joined_files import joined_files
+
         parts = [part for part in read if not isinstance(part, InputError)]
         whole, words = joined_files(parts, model.rig, files.joining.pause, same_run=files.joining.same_run)
         files.command.say(*words)

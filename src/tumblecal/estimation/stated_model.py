@@ -13,7 +13,6 @@ from tumblecal.data.repeats import in_bounds
 from tumblecal.data.sensor_parameters import leaf_of
 from tumblecal.effects.catalogue import Catalogue, catalogue, first_link
 from tumblecal.estimation.methods import Calibrated, all_methods, checked
-from tumblecal.estimation.planned_positions import compared_with_plan, is_designed
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.position_problem import default_chain, problem_of, where_of
 from tumblecal.estimation.priors import Priors
@@ -136,6 +135,8 @@ class StatedModel:
         rig that are not used."""
         if self.rig is None:
             return []
+        from tumblecal.estimation.planned_positions import compared_with_plan, is_designed
+
         notes = compared_with_plan(self.rig, data) if is_designed(self.rig) else []
         reason = self._without_slow_noise(data, sampled)
         if reason and self.rig.ability and self.rig.ability.slow_noise.any:

@@ -1,11 +1,8 @@
-"""Entries of output folders of calibrate and diagnose, and of the three runs of the paper."""
+"""Entries of output folders of calibrate, diagnose and check."""
 
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
-from tumblecal.data import paper
 from tumblecal.data.budget_result import NAME, with_budget_in_folder
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.not_applied import losses_words
@@ -20,7 +17,7 @@ from tumblecal.data.result_records import (
     ResultFile,
     read_checked,
 )
-from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
+from tumblecal.data.sensor_parameters import SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_json import read_record
 from tumblecal.ground.text_file import read_text
@@ -112,26 +109,6 @@ def _parameters(calibration: Calibration | None, degc: float | None) -> SensorPa
     if calibration is None:
         return None
     return (calibration if degc is None else calibration.at(degc)).sensor
-
-
-def paper_runs(covariance: np.ndarray) -> list[Entry]:
-    """The three runs of Table 2 of the paper, which states no uncertainty, with the given covariance of `SENSOR` and `MOUNT`.
-
-    The paper states no dates: all have the same date, so that no drift is estimated.
-    """
-    names, table = (*SENSOR, *MOUNT), paper.table2()
-    return [
-        Entry(
-            "calibration",
-            "paper",
-            "2016-06-01T00:00:00Z",
-            f"Table 2, run {run + 1}",
-            f"table2-{run + 1}",
-            "published",
-            parameters=SensorParameters(names, np.array([table[name][run] for name in names]), covariance),
-        )
-        for run in range(3)
-    ]
 
 
 def _date(path: Path, stated: object) -> str:

@@ -12,6 +12,7 @@ from scipy.special import ndtr, stdtr
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.option_texts import sizes
 from tumblecal.history.changes import Change, over_time
 from tumblecal.history.entry import Entry
 
@@ -28,6 +29,15 @@ MOUNTING = "dtheta"
 DAYS_A_MONTH = 365.25 / 12
 # Three standard deviations from the mean moving range (individuals charts, ISO 7870-2).
 _MOVING_RANGE = 3 / 1.128
+
+
+def limits_of(texts: Sequence[str]) -> dict[str, float]:
+    """The limits of the paper, and in their place those of texts such as `bias=1 mg`, in base units.
+
+    **Raises:** `InputError` for texts that are not limits.
+    """
+    units = {leaf: unit for leaf, (_, unit) in GROUPS.items()}
+    return {**PAPER_LIMITS, **sizes("--limit ", texts, units, "'bias=1 mg'")}
 
 
 @dataclass(frozen=True)
