@@ -43,4 +43,4 @@ def test_drift_terms_are_a_loss_not_a_fault(tumblecal, tmp_path):
         assert outcome.code == 2 and fault in outcome.lines[0]
     write_calibration(path, own)
     said = tumblecal("export", path, "--to", "csv", "--run-time", "8 h", "--out", tmp_path / "unit.csv").out
-    assert "--run-time 8 h: no effect on the export of this calibration to csv" in said
+    assert "--run-time: no effect on the export of this calibration to csv" in said
