@@ -1,4 +1,4 @@
-"""Recordings on the command line: the options that `recordings.options` declares, and what was found, for two commands."""
+"""Recordings on the command line: the options that `recordings.options` declares, and what was found."""
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated
@@ -12,6 +12,7 @@ from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptio
 
 if TYPE_CHECKING:
     from tumblecal.recordings import recording
+    from tumblecal.recordings.reduction import Reduction
 
 Recording = Annotated[RecordingOptions, Parameter(name="*")]
 Context = Annotated[KnownContext, Parameter(name="*")]
@@ -32,3 +33,20 @@ def print_recordings(
         command.warn(one.path, left_out_lines(one))
     for source, of_source in warnings:
         warn(source, of_source)
+
+
+def print_reduction(command: Command, found: "Reduction") -> None:
+    """Print the recordings, the means of their dwells, and what is unusual."""
+    from tumblecal.data.gravity_size import gravity_warnings
+    from tumblecal.show.recordings import left_out_lines, noise_lines, print_means, reduction_lines, unusual_lines
+
+    for name, lines in found.dwells.warnings:
+        warn(name, lines)
+    command.say(*reduction_lines(found.dwells))
+    for recording in found.dwells.read:
+        (warn if found.noise is None else command.warn)(recording.path, left_out_lines(recording))
+    if command.words and found.noise is not None:
+        print_means(found)
+        command.say(*unusual_lines(found), *noise_lines(found))
+    command.warn(found.data.source, unusual_lines(found))
+    warn(found.data.source, gravity_warnings(found.data))

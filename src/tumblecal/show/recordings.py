@@ -98,9 +98,12 @@ def noise_lines(reduction: "Reduction") -> list[str]:
     return [*(change.words() for change in reduction.within), *(f"noise {axis}: {words}" for axis, words in noise)]
 
 
-def mean_table(reduction: "Reduction") -> Table:
-    """The means of samples with their standard deviations, a row for each axis."""
+def print_means(reduction: "Reduction") -> None:
+    """Print the means of samples with their standard deviations, a row for each axis."""
+    from rich.console import Console
+
     from tumblecal.noise.dwell_sd import white_sd
+    from tumblecal.show.narrow import print_table
 
     data, rows = reduction.data, list[list[str]]()
     assert data.sd is not None
@@ -110,4 +113,4 @@ def mean_table(reduction: "Reduction") -> Table:
             rows.append([*place, axis, f"{mean * 1e3:+.3f}", f"{1e6 * sd:.1f}", f"{1e6 * white:.1f}"])
             place = [""] * 4
     titles = ["position", "alpha", "beta", "n", "axis", "mean\nmg", "its sd\nug", "sd/sqrt(n)\nug"]
-    return Table(titles, rows)
+    print_table(Console(), Table(titles, rows))

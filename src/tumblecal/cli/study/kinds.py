@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles
-from tumblecal.cli.study.running import Number, Running, StudySeed, run_study
+from tumblecal.cli.study.running import run_study
+from tumblecal.cli.study.study_options import Number, Running, StudySeed
 
 
 def coverage(
