@@ -118,7 +118,13 @@ def effect_posterior(
     absorbed = candidates.of_same_size.T @ weights.sum(axis=0)
     hidden = np.flatnonzero(absorbed.any(axis=1))
     # Their signals are absorbed: the data say of them what they say of the size.
-    second[hidden, hidden] += _equal_interval(absorbed[hidden]) ** 2
+    # The sd of the normal distribution about zero that has the 95 % interval of a mixture of some of the sizes `w`,
+    # by their probabilities; the remaining probability is at zero. The mixture's mean square is that of its largest
+    # sizes.
+    ends = np.geomspace(1e-3, 4.0 * _NAMED[-1], 200)
+    outside = absorbed[hidden] @ erfc(ends / (np.sqrt(2.0) * _NAMED[:, None]))
+    equal_interval = np.array([np.interp(-_OUTSIDE, -share, ends) for share in outside]) / float(-ndtri(_OUTSIDE / 2))
+    second[hidden, hidden] += equal_interval**2
     return EffectPosterior(mean, second)
 
 
@@ -190,11 +196,3 @@ def _of_named(
         np.add.at(products, (scale[:, None, None], columns[:, :, None], columns[:, None]), axes @ along_axes @ axes.mT)
         np.add.at(means, (scale[:, None], columns), (axes @ (share[:, None] @ sizes).mT)[..., 0])
     return products, means
-
-
-def _equal_interval(shares: Float[np.ndarray, "hidden sizes"]) -> Float[np.ndarray, " hidden"]:
-    """The sd of the normal distribution about zero that has the 95 % interval of a mixture of some of the sizes `w`, by their
-    probabilities; the remaining probability is at zero. The mixture's mean square is that of its largest sizes."""
-    ends = np.geomspace(1e-3, 4.0 * _NAMED[-1], 200)
-    outside = shares @ erfc(ends / (np.sqrt(2.0) * _NAMED[:, None]))
-    return np.array([np.interp(-_OUTSIDE, -share, ends) for share in outside]) / float(-ndtri(_OUTSIDE / 2))

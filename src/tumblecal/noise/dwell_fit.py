@@ -131,12 +131,18 @@ def _averaged(
     The slow part is the same for the three axes; its size is each axis's own, equal within `_AXES_SPREAD`.
     """
     rows = sum(group.dwells * (group.blocks - 1) for group in groups)
-    near, common_prior = _near(), _half_cauchy()
+    # Logarithm of the prior of `_RATIOS`, whose roots are half-Cauchy.
+    density = np.log(np.sqrt(_RATIOS) / (1 + _RATIOS))
+    common_prior, near = density - logsumexp(density), _near()
     evidence, white, ratio = [], [], []
     for part in slow:
         half_log_det, quadratic = np.zeros(len(_RATIOS)), np.full((3, len(_RATIOS)), 1e-300)
         for group in groups:
-            unit, vectors = np.linalg.eigh(_unit_covariance(group, part, size, period_s))
+            # Covariance of the contrasts under a slow part of ratio 1.
+            dwell = Dwells(np.arange(group.blocks) * size * period_s, size, period_s)
+            contrasts = _contrast_matrix(group.blocks)
+            unit_covariance = contrasts @ part.mean_covariance(dwell)[0] @ contrasts.T
+            unit, vectors = np.linalg.eigh(unit_covariance)
             variances = 1 / (size * period_s) + _RATIOS[:, None] * unit
             half_log_det += group.dwells / 2 * np.sum(np.log(variances), axis=1)
             quadratic += np.einsum("ik,aij,jk->ak", vectors, group.scatter, vectors) @ (1 / variances).T
@@ -156,23 +162,8 @@ def _averaged(
     return probability @ np.array(white), probability[:, None] * np.array(ratio)
 
 
-def _half_cauchy() -> Float[np.ndarray, " sizes"]:
-    """Logarithm of the prior of `_RATIOS`, whose roots are half-Cauchy."""
-    density = np.log(np.sqrt(_RATIOS) / (1 + _RATIOS))
-    return density - logsumexp(density)
-
-
 def _near() -> Float[np.ndarray, "sizes sizes"]:
     """Probability of the size of an axis (columns) given the size of the triad (rows): log-normal about it."""
     size = np.log(_RATIOS)
     density = np.exp(-0.5 * ((size[:, None] - size) / _AXES_SPREAD) ** 2)
     return density / np.sum(density, axis=1, keepdims=True)
-
-
-def _unit_covariance(
-    group: _Contrasts, part: Part, size: int, period_s: float
-) -> Float[np.ndarray, "contrasts contrasts"]:
-    """Covariance of the contrasts under a slow part of ratio 1."""
-    dwell = Dwells(np.arange(group.blocks) * size * period_s, size, period_s)
-    contrasts = _contrast_matrix(group.blocks)
-    return contrasts @ part.mean_covariance(dwell)[0] @ contrasts.T

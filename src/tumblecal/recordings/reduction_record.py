@@ -30,7 +30,9 @@ class WithinDwellsRecord(ResultRecord):
     """`WithinDwells`."""
 
     variable: str
-    axes: Annotated[list[str], BeforeValidator(lambda shows: [axis for axis, each in zip(AXES, shows, strict=True) if each])]
+    axes: Annotated[
+        list[str], BeforeValidator(lambda shows: [axis for axis, each in zip(AXES, shows, strict=True) if each])
+    ]
     bias_g_per_unit: list[float] = at("bias")
     scale_per_unit: list[float] = at("scale")
     p_value: list[float]

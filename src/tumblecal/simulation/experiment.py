@@ -245,6 +245,9 @@ def experiment_of(
     readings = np.asarray(simulated(problem.where))
     check_sampler(draw_truth, chain.vector.shape, "truth")
     check_sampler(draw_noise, readings.shape, "noise")
+    # Covariance of the estimates at the chain's own parameters, from the stated noise.
+    _, to_values = design(problem)
+    predicted_covariance = to_values @ to_values.T
     return Experiment(
         names=chain.names,
         units=chain.units,
@@ -258,7 +261,7 @@ def experiment_of(
         beyond=None if same or chosen is None else _beyond(chosen, readings),
         factor=factor if covariance is None else np.stack([square_root(part) for part in covariance]),
         sd=float(1.0 / np.max(np.abs(np.asarray(problem.whitening)))) if problem.whitening.ndim == 1 else float("nan"),
-        covariance=_predicted_covariance(problem),
+        covariance=predicted_covariance,
         path="chain" if chosen is None else "harmonic",
         reason=reason,
         plan=chosen,
@@ -279,12 +282,6 @@ def _without_readings(chain: Chain, where: Where, sd: float, priors: Priors | No
 def _drawn(mean: np.ndarray, root: np.ndarray, key: Array) -> Array:
     """A random instrument."""
     return jnp.asarray(mean) + jnp.asarray(root) @ jax.random.normal(key, (root.shape[1],))
-
-
-def _predicted_covariance(problem: Problem) -> np.ndarray:
-    """Covariance of the estimates at the chain's own parameters, from the stated noise."""
-    _, to_values = design(problem)
-    return to_values @ to_values.T
 
 
 def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:

@@ -135,8 +135,11 @@ def _in_time(order: Float[np.ndarray, " positions"], pitch: Int[np.ndarray, " po
     middles, widths, numbers = _middles(len(order))
     away = (_scaled(order, np.ones(len(order), bool)) - middles[:, None]) / (2 * widths[:, None])
     for_a_while = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
+    # Piecewise linear functions of what lies between -1 and 1.
+    knots = np.linspace(-1.0, 1.0, _KNOTS)
+    hats = np.maximum(1.0 - np.abs(within[..., None] - knots) / (knots[1] - knots[0]), 0.0)
     return [
-        _Shapes(stretches, True, 1, _hats(within).swapaxes(1, 2)),
+        _Shapes(stretches, True, 1, hats.swapaxes(1, 2)),
         _Shapes([f"the outputs near the {number}th position" for number in numbers], False, 3, for_a_while),
         _Shapes([f"a rotation of the triad near the {number}th position" for number in numbers], True, 3, for_a_while),
     ]
@@ -163,9 +166,3 @@ def _scaled(
     """Values such that those `here` lie between -1 and 1."""
     low, high = values[here].min(), values[here].max()
     return 2 * (values - low) / max(high - low, 1e-12) - 1
-
-
-def _hats(values: Float[np.ndarray, "*sets positions"]) -> Float[np.ndarray, "*sets positions knots"]:
-    """Piecewise linear functions of what lies between -1 and 1."""
-    knots = np.linspace(-1.0, 1.0, _KNOTS)
-    return np.maximum(1.0 - np.abs(values[..., None] - knots) / (knots[1] - knots[0]), 0.0)
