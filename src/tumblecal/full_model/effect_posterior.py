@@ -101,7 +101,8 @@ def effect_posterior(
     scores, groups = _scored(backgrounds, candidates, dof, 1e-12 * float(z @ z) + 1e-300, known=known)
     weights = np.exp(scores - np.max(scores))
     weights /= np.sum(weights)
-    products, means = _of_named(groups, np.where(_probable(weights), weights, 0.0), len(shown))
+    probable = np.sum(weights, axis=2, keepdims=True) > _NEGLIGIBLE
+    products, means = _of_named(groups, np.where(probable, weights, 0.0), len(shown))
     mean, second = np.zeros(len(shown)), np.zeros((len(shown), len(shown)))
     for share, background, product, size in zip(weights.sum(axis=(1, 2)), backgrounds, products, means, strict=True):
         if share < _NEGLIGIBLE:
@@ -126,10 +127,6 @@ def effect_posterior(
     equal_interval = np.array([np.interp(-_OUTSIDE, -share, ends) for share in outside]) / float(-ndtri(_OUTSIDE / 2))
     second[hidden, hidden] += equal_interval**2
     return EffectPosterior(mean, second)
-
-
-def _probable(weights: Float[np.ndarray, "scales candidates sizes"]) -> Bool[np.ndarray, "scales candidates 1"]:
-    return np.sum(weights, axis=2, keepdims=True) > _NEGLIGIBLE
 
 
 def _background(

@@ -166,7 +166,9 @@ def unit_history(entries: Sequence[Entry], limits: Mapping[str, float]) -> UnitH
             continue
         parts = [estimate.of(of_leaf) for estimate in estimates]
         values, sd = (np.stack([getattr(part, of) for part in parts], axis=1) for of in ("values", "sd"))
-        factors = np.stack([_factors(part.effective_dof) for part in parts], axis=1)
+        dof, covered = np.stack([part.effective_dof for part in parts], axis=1), 2 * float(ndtr(COVERAGE)) - 1
+        # Coverage factors at 95.45 %, 2 for known noise.
+        factors = np.where(np.isfinite(dof), coverage_factors(dof, covered), COVERAGE)
         u = (expanded := factors * sd) / COVERAGE
         # An estimated uncertainty may be small by chance: as a weight it is at least the median.
         u = np.where(factors > COVERAGE, np.maximum(u, np.median(u, axis=1, keepdims=True)), u)
@@ -189,8 +191,3 @@ def unit_history(entries: Sequence[Entry], limits: Mapping[str, float]) -> UnitH
 def months_of(dates: Sequence[datetime]) -> Float[np.ndarray, " entries"]:
     """Months from the first date to each."""
     return np.array([(date - dates[0]).total_seconds() / 86400 / DAYS_A_MONTH for date in dates])
-
-
-def _factors(dof: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
-    """Coverage factors at 95.45 %, 2 for known noise."""
-    return np.where(np.isfinite(dof), coverage_factors(dof, 2 * float(ndtr(COVERAGE)) - 1), COVERAGE)

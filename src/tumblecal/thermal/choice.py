@@ -106,7 +106,8 @@ def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
         temperatures = _in_one_attitude(table)
         functions = {leaf: _functions(table, leaf, stated, temperatures, reference) for leaf in LEAVES}
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}
-    largest = ThermalModel(table, functions, free, fixed=_values(base), priors=_priors(free, base))
+    fixed = {} if base is None else dict(zip(base.names, base.values.tolist(), strict=True))
+    largest = ThermalModel(table, functions, free, fixed=fixed, priors=_priors(free, base))
     forced = {leaf: functions[leaf].count for leaf in functions if leaf in stated.orders or leaf in stated.knots_degc}
     forced |= {leaf: 0 for leaf, order in stated.orders.items() if order == 0}
     return _chosen(largest, forced, reference)
@@ -174,10 +175,6 @@ def _priors(free: tuple[str, ...], base: SensorParameters | None) -> Priors:
         return {leaf: (0.0, AT_REFERENCE[leaf]) for leaf in SENSOR_LEAVES if leaf not in free or leaf == "gamma"}
     known = base.of(names)
     return {names: (known.values, known.covariance)}
-
-
-def _values(base: SensorParameters | None) -> dict[str, float]:
-    return {} if base is None else dict(zip(base.names, base.values.tolist(), strict=True))
 
 
 def selected(design: Design, table: ThermalTable, highest: Mapping[str, int], forced: Mapping[str, int]) -> Selection:

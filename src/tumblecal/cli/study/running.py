@@ -1,6 +1,6 @@
 """Command line of all kinds of study: print the cost, run with a progress bar, write and print results."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from tumblecal.cli.result_files import names_written
@@ -9,16 +9,14 @@ from tumblecal.cli.terminal import warn
 from tumblecal.ground.errors import InputError
 
 
-def run_study(
-    kind: str, config: Path, changes: Mapping[str, object | None], running: Running, effects: Sequence[Path] = ()
-) -> None:
+def run_study(kind: str, config: Path, changes: Mapping[str, object | None], running: Running) -> None:
     """Run one study.
 
     **Arguments:**
 
     - `kind`, `config`: kind of study and its file.
     - `changes`: keys of the file that the command line overrides; None for those not given.
-    - `running`: execution options. `effects`: Python files with user-defined effects.
+    - `running`: further options.
 
     **Raises:** `InputError` for faults of the files, a study that is too large, or a folder of a different study.
     """
@@ -42,7 +40,9 @@ def run_study(
     from tumblecal.studies.study_tables import read_study, unused_of_head
 
     console = Console()
-    tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None}, effects)
+    stated = {**changes, "seed": running.seed}
+    changed = {name: value for name, value in stated.items() if value is not None}
+    tables = read_study(config, kind, changed, running.effects)
     study = study_of(tables)
     if unused := unused_of_head(kind, tables):
         warn(config, [unused])
@@ -52,7 +52,9 @@ def run_study(
     if running.dry_run:
         return
     names = (f"{kind}*", "*.svg", "manifest.json", "chunks/*")
-    protect_inputs([config, config.parent / str(tables["study"]["rig"]), *effects], folders=[running.out], names=names)
+    protect_inputs(
+        [config, config.parent / str(tables["study"]["rig"]), *running.effects], folders=[running.out], names=names
+    )
     folder = writable_folder(running.out)
 
     def shown(aside: Path, content, frames) -> None:

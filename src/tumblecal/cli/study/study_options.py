@@ -3,26 +3,23 @@
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
-from tumblecal.cli.options import Count, Seed, options, within
+from tumblecal.cli.options import Count, EffectFiles, Seed, options, within
 
 
 Number = Annotated[int | None, within(gte=2, lte=10**12)]
-StudySeed = Annotated[
-    Seed | None, Parameter(help="Seed of all random numbers. Default: that of the file. Example: --seed 1.")
-]
 
 
 @options
 class Running:
-    """Execution of a study; these options do not change its result.
+    """Seed, effects and execution of a study; how it is executed does not change its result.
 
     Parameters
     ----------
     out
         Output folder: finished chunks, JSON, Parquet and figures. An interrupted study in this folder is continued.
         Example: --out study1.
+    seed
+        Seed of all random numbers. Default: that of the file. Example: --seed 1.
     workers
         Number of worker processes on this machine (needs the cluster extra). Default: this process only. Example:
         --workers 4.
@@ -37,6 +34,8 @@ class Running:
     """
 
     out: Path
+    seed: Seed | None = None
+    effects: EffectFiles = ()
     workers: Count | None = None
     scheduler: str | None = None
     dry_run: bool = False
