@@ -21,7 +21,6 @@ from tumblecal.data.uncertainty_parts import UncertaintyParts, uncertainty_parts
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.suggested_command import suggested
 
 
 def diagnosis_of(folder: Path, data: PositionSet) -> tuple[Path, Calibration]:
@@ -39,12 +38,6 @@ def diagnosis_of(folder: Path, data: PositionSet) -> tuple[Path, Calibration]:
     if sha256 and calibration.provenance.get("sha256") not in (None, sha256):
         raise InputError(f"{path}: a diagnosis of other data than the budget; diagnose the same file")
     return path, calibration
-
-
-def without_diagnosis(data: Path) -> str:
-    """The note on a budget without a diagnosis."""
-    command = suggested("diagnose", data)
-    return f"Undetected effects are not included. To include them, run {command} and give its folder to --diagnosis"
 
 
 def with_diagnosis(budget: Budget, folder: Path, entries: Catalogue, file: str) -> tuple[Budget, list[str], Use]:

@@ -1,25 +1,17 @@
-"""A check of a calibration by the still attitudes of a recording, and its update."""
+"""A check of a calibration by the still attitudes of a recording."""
 
-from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 from tumblecal.check.attitudes import provenance
-from tumblecal.check.drift import ProcessNoise, process_noise
 from tumblecal.check.gravity import local_size
 from tumblecal.check.result import CheckResult, Model, check
-from tumblecal.check.update import Update, freed_names, updated
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.positions import PositionSet
 from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity
-from tumblecal.history.database import of_unit
 from tumblecal.recordings.reduction import Reduction
-
-
-# An update, and the process noise since the old calibration.
-Made = tuple[Update, ProcessNoise]
 
 
 def check_recording(
@@ -64,26 +56,3 @@ def _model(stated: StatedModel, data: PositionSet) -> Model:
             f"{option}: the angles of {data.source} are unknown; omit it, or give angles (--plan, --table)"
         )
     return Model(lambda data: stated.chain(data, known=True), stated.priors)
-
-
-def updated_by(
-    result: CheckResult,
-    source: dict[str, Any],
-    rates: Mapping[str, float],
-    freed: Collection[str],
-    months: float | None,
-    history: Path | None,
-) -> Made:
-    """The updated calibration, and the process noise since the old one.
-
-    **Arguments:**
-
-    - `source`: provenance of the check. `rates`, `months`: as of `process_noise`. `freed`: parameters that changed.
-    - `history`: of the unit.
-
-    **Raises:** `InputError` for a recording that contradicts the calibration, and for options that do not fit.
-    """
-    serial = result.serial_number
-    entries = of_unit(history, serial) if history is not None and serial else None
-    process = process_noise(result.calibration, result.data, rates, months, entries, str(history))
-    return updated(result.test, process, freed_names(freed), source), process

@@ -9,6 +9,7 @@ from tumblecal.cli.model_options import ModelOptions
 from tumblecal.cli.options import Seed, options, within
 from tumblecal.cli.result_files import results
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.suggested_command import suggested
 
 
 _SET = ("budget.json", "budget.svg", "budget.html")
@@ -75,7 +76,7 @@ def budget(
     from tumblecal.budget.budget import budget_of
     from tumblecal.budget.budget_file import considered_inputs
     from tumblecal.budget.monte_carlo import monte_carlo
-    from tumblecal.budget.of_diagnosis import with_diagnosis, without_diagnosis
+    from tumblecal.budget.of_diagnosis import with_diagnosis
     from tumblecal.budget.planned_fit import planned_fit
     from tumblecal.cli.measured_fit import measured_fit
     from tumblecal.cli.read_model import read_model
@@ -88,7 +89,8 @@ def budget(
         with command.working(f"fitting {data}"):
             fit, notes = (planned_fit(model), []) if planned else measured_fit(command, model, data)
         made = budget_of(fit, inputs, model.entries, file, level=checking.level)
-        more = [] if planned else [without_diagnosis(data)]
+        diagnose = f"run {suggested('diagnose', data)} and give its folder to --diagnosis"
+        more = [] if planned else [f"Undetected effects are not included. To include them, {diagnose}"]
         if diagnosis is not None:
             made, more, use = with_diagnosis(made, diagnosis, model.entries, file)
             command.warn(diagnosis, more if use.refused else more[:-1])

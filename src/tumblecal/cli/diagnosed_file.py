@@ -44,7 +44,7 @@ def diagnosed_file(batch: Batch, file: Path, folder: Path, read: Read, head: Mea
     add_to_history(batch.more.history, folder, "diagnosis", diagnosis.data.serial_number)
     batch.command.warn(diagnosis.data.source, words.lines("warnings"))
     row, found = diagnosis_row(file, diagnosis), ", ".join(diagnosis.labels) or "nothing found"
-    short = [f"{file}: {diagnosis.verdict}", found, *lacking_of_diagnosis(diagnosis, of_sensor=True)]
+    short = [f"{file}: {diagnosis.verdict}", found, *lacking_of_diagnosis(diagnosis)]
     one_mounting = len(diagnosis.data.files) > 1 and diagnosis.data.mount is None and diagnosis.verdict != "adequate"
     return Outcome(
         row, (), "; ".join(short), partial(batch.command.print_verdict, words.verdict, *[ONE_MOUNTING] * one_mounting)

@@ -9,8 +9,9 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.check.of_recording import Made
+    from tumblecal.check.drift import ProcessNoise
     from tumblecal.check.result import CheckResult
+    from tumblecal.check.update import Update
 
 
 @options
@@ -57,7 +58,7 @@ class UpdateOptions:
 
     def updated(
         self, result: "CheckResult", source: dict[str, Any], rates: Mapping[str, float], history: Path | None
-    ) -> "tuple[Made | None, InputError | None]":
+    ) -> "tuple[tuple[Update, ProcessNoise] | None, InputError | None]":
         """The updated calibration with the process noise since the old one, if it is asked for, or the fault for which there is
         none.
 
@@ -65,10 +66,16 @@ class UpdateOptions:
 
         - `source`: provenance of the check. `rates`: as from `rates`. `history`: of the unit.
         """
-        from tumblecal.check.of_recording import updated_by
+        from tumblecal.check.drift import process_noise
+        from tumblecal.check.update import freed_names, updated
+        from tumblecal.history.database import of_unit
 
+        if self.update is None:
+            return None, None
+        serial = result.serial_number
+        entries = of_unit(history, serial) if history is not None and serial else None
         try:
-            made = updated_by(result, source, rates, self.free, self.months, history) if self.update else None
+            process = process_noise(result.calibration, result.data, rates, self.months, entries, str(history))
+            return (updated(result.test, process, freed_names(self.free), source), process), None
         except InputError as fault:
             return None, fault
-        return made, None

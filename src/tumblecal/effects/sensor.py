@@ -18,10 +18,6 @@ def _power(axis: int, power: int):
     return lambda u, where: u[axis] ** power
 
 
-def _product(first: int, second: int):
-    return lambda u, where: u[first] * u[second]
-
-
 def _size(axis: int):
     return lambda u, where: jnp.abs(u[axis])
 
@@ -106,7 +102,7 @@ def _cross_coupling(number: int, axis: str, first: int, second: int) -> Effect:
     return _term(
         f"cross_coupling.{axis}.{''.join(inputs)}",
         axis,
-        _product(first, second),
+        lambda u, where: u[first] * u[second],
         unit="mg/g^2",
         physics=f"K u_{inputs[0]} u_{inputs[1]} on output {axis}",
         symbol=_cross_symbol(number, first, second),

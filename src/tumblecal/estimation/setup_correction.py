@@ -3,7 +3,6 @@
 An error with a unique correction is corrected and reported. Any other is rejected with the hypotheses that would explain it.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -108,14 +107,11 @@ def _conditions(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
         clock = tuple(f"{label}.{number}" for label, number in zip(data.clock or ("1",) * len(time), part, strict=True))
         data = replace(data, time_s=continued_times(parts), clock=clock)
         # One clock for each run is no error.
-        if data.run is None or not np.array_equal(firsts, _changes(data.run)):
+        labels = data.run or ()
+        changes = [row for row, (before, label) in enumerate(pairwise(labels), start=1) if before != label]
+        if data.run is None or not np.array_equal(firsts, changes):
             setup_errors.append(SetupError("time_restarts", words))
     return data, setup_errors
-
-
-def _changes(labels: Sequence[str]) -> list[int]:
-    """The rows whose label differs from that of the previous row."""
-    return [row for row, (before, label) in enumerate(pairwise(labels), start=1) if before != label]
 
 
 def _restarted(time: Float[np.ndarray, " positions"]) -> list[np.ndarray]:
@@ -161,9 +157,11 @@ def _refuse_silent_axes(data: PositionSet, ideal: Float[np.ndarray, "positions 3
     moved, readings = np.ptp(data.readings, axis=0), data.readings
     if np.any(np.ptp(ideal, axis=0) < _MOVED_G) or len(data) < 4:
         return
-    usual = np.median(moved)
+    usual, basis = np.median(moved), np.hstack([ideal, np.ones((len(ideal), 1))])
     for axis in np.flatnonzero(moved < _NO_SIGNAL * usual).tolist():
-        if not _follows(readings[:, axis], ideal):
+        # Whether the axis follows the attitudes, however little it varies.
+        residual_sd = np.std(readings[:, axis] - basis @ np.linalg.lstsq(basis, readings[:, axis], rcond=None)[0])
+        if not (moved[axis] > 0 and residual_sd < _UNFOLLOWED * np.std(readings[:, axis])):
             raise InputError(
                 f"{data.source}: axis {AXES[axis]} reads {readings[0, axis]:.4g} g at every position (it varies by "
                 f"{moved[axis]:.2g} g, the others by {usual:.3g} g): a dead axis, or a column without readings; check the "
@@ -177,13 +175,6 @@ def _refuse_silent_axes(data: PositionSet, ideal: Float[np.ndarray, "positions 3
                     f"{data.source}: axis {AXES[second]} reads {words} axis {AXES[first]} at every position: a channel or a "
                     "column was used twice; give each axis its column"
                 )
-
-
-def _follows(readings: Float[np.ndarray, " positions"], ideal: Float[np.ndarray, "positions 3"]) -> bool:
-    """Whether one axis follows the attitudes, however little it varies."""
-    basis = np.hstack([ideal, np.ones((len(ideal), 1))])
-    residual_sd = np.std(readings - basis @ np.linalg.lstsq(basis, readings, rcond=None)[0])
-    return bool(np.ptp(readings) > 0 and residual_sd < _UNFOLLOWED * np.std(readings))
 
 
 def _axes(

@@ -4,7 +4,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tumblecal.data.budget_result import NAME, with_budget_in_folder
-from tumblecal.data.calibration import Calibration
 from tumblecal.data.not_applied import losses_words
 from tumblecal.data.position_comments import measured_at
 from tumblecal.data.result_records import (
@@ -17,7 +16,6 @@ from tumblecal.data.result_records import (
     ResultFile,
     read_checked,
 )
-from tumblecal.data.sensor_parameters import SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_json import read_record
 from tumblecal.ground.text_file import read_text
@@ -73,6 +71,7 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         outcome += "" if degc is None else f"; values at {degc:.4g} degC"
         outcome += "".join([f"; {words}" for words in losses_words(corrected.not_applied, reasons=False)])
         outcome += f"{USE}{corrected.use.answer or 'not stated'}"
+    at_degc = corrected if corrected is None or degc is None else corrected.at(degc)
     provenance = corrected.provenance if corrected else {}
     calibrated = corrected.serial_number if corrected else None
     return Entry(
@@ -80,7 +79,7 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         serial=serial or calibrated or "",
         date_utc=_date(folder / name, provenance.get("measured_utc") or provenance.get("date_utc")),
         sha256=str(provenance.get("sha256") or result.sha256 or ""),
-        parameters=budgeted or _parameters(corrected, degc),
+        parameters=budgeted or (at_degc and at_degc.sensor),
         combined=budgeted is not None,
         documents=documents,
         source=result.source,
@@ -103,12 +102,6 @@ def _of_check(path: Path, serial: str | None) -> Entry:
         p_value=result.p_value,
         documents={CHECK: read_text(path, "JSON")},
     )
-
-
-def _parameters(calibration: Calibration | None, degc: float | None) -> SensorParameters | None:
-    if calibration is None:
-        return None
-    return (calibration if degc is None else calibration.at(degc)).sensor
 
 
 def _date(path: Path, stated: object) -> str:

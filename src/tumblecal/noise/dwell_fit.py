@@ -133,7 +133,10 @@ def _averaged(
     rows = sum(group.dwells * (group.blocks - 1) for group in groups)
     # Logarithm of the prior of `_RATIOS`, whose roots are half-Cauchy.
     density = np.log(np.sqrt(_RATIOS) / (1 + _RATIOS))
-    common_prior, near = density - logsumexp(density), _near()
+    common_prior, logs = density - logsumexp(density), np.log(_RATIOS)
+    # Probability of the size of an axis (columns) given the size of the triad (rows): log-normal about it.
+    near = np.exp(-0.5 * ((logs[:, None] - logs) / _AXES_SPREAD) ** 2)
+    near /= np.sum(near, axis=1, keepdims=True)
     evidence, white, ratio = [], [], []
     for part in slow:
         half_log_det, quadratic = np.zeros(len(_RATIOS)), np.full((3, len(_RATIOS)), 1e-300)
@@ -160,10 +163,3 @@ def _averaged(
     priors = np.array([_PRIOR["flicker"], _PRIOR["walk"], *[_PRIOR["markov"] / times] * times])
     probability = softmax(np.log(priors) + evidence)
     return probability @ np.array(white), probability[:, None] * np.array(ratio)
-
-
-def _near() -> Float[np.ndarray, "sizes sizes"]:
-    """Probability of the size of an axis (columns) given the size of the triad (rows): log-normal about it."""
-    size = np.log(_RATIOS)
-    density = np.exp(-0.5 * ((size[:, None] - size) / _AXES_SPREAD) ** 2)
-    return density / np.sum(density, axis=1, keepdims=True)

@@ -114,7 +114,11 @@ class Experiment(eqx.Module):
     def calibrated(self, truth: Float[Array, "free lanes"], noise: Float[Array, "positions 3 lanes"]) -> Trials:
         """Estimates from readings of these instruments with this noise, g."""
         fits = self._by_harmonics(truth, noise) if self.plan is not None else self._by_chain(truth, noise)
-        return _packed(truth, *fits)
+        values, chi2, converged = fits
+        rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
+        # Failed lanes contain finite numbers without meaning.
+        rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
+        return Trials(truth, rows[:-2], rows[-2], rows[-1] > 0.5)
 
     @property
     def one_instrument(self) -> bool:
@@ -153,13 +157,6 @@ class Experiment(eqx.Module):
         readings = jnp.moveaxis(self.true_readings(truth) + noise, 2, 0)
         fits = fit_chain(self.problem, self.shared, readings)
         return fits.values.T, fits.chi2, fits.converged
-
-
-def _packed(truth: Array, values: Array, chi2: Array, converged: Array) -> Trials:
-    """The block as returned; failed lanes contain finite numbers without meaning."""
-    rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
-    rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
-    return Trials(truth, rows[:-2], rows[-2], rows[-1] > 0.5)
 
 
 def experiment(

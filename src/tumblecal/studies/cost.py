@@ -1,6 +1,5 @@
 """The cost of a study, before it runs."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from tumblecal.ground.counted import counted, duration
@@ -12,32 +11,28 @@ from tumblecal.studies.run import Study
 COMPILE_SECONDS = 12.0
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Time and disk space of a study, about; `words`: both, with the numbers of trials and chunks."""
-
-    hours: float
-    gib: float
-    words: str
-
-    def require(self, config: Path, max_hours: float, max_gib: float) -> None:
-        """Check that a study is within limits; `config`: its file.
-
-        **Raises:** `InputError`.
-        """
-        for needed, most, option in ((self.hours, max_hours, "max-hours"), (self.gib, max_gib, "max-gib")):
-            if needed > most:
-                raise InputError(
-                    f"{config}: {option.partition('-')[2]}: would need {needed:.3g}, more than --{option} {most:g}"
-                )
-
-
-def cost_of(study: Study, workers: int) -> Cost:
-    """The cost of a study with this number of worker processes."""
+def cost_words(study: Study, workers: int) -> str:
+    """The numbers of trials and chunks of a study, and its cost with this number of worker processes."""
     compiling, computing = COMPILE_SECONDS * study.programs, study.seconds / workers
-    gib = study.chunks * study.chunk_bytes / 2**30
-    words = (
+    return (
         f"{counted(study.trials, 'trial')} in {counted(study.chunks, 'chunk')}; about {duration(computing)} on "
-        f"{counted(workers, 'core')}, plus about {duration(compiling)} to compile it the first time; {gib:.2g} GiB on disk"
+        f"{counted(workers, 'core')}, plus about {duration(compiling)} to compile it the first time; {_gib(study):.2g} GiB on "
+        "disk"
     )
-    return Cost((compiling + computing) / 3600, gib, words)
+
+
+def require_affordable(study: Study, config: Path, workers: int, max_hours: float, max_gib: float) -> None:
+    """Check that a study is within limits; `config`: its file.
+
+    **Raises:** `InputError`.
+    """
+    hours = (COMPILE_SECONDS * study.programs + study.seconds / workers) / 3600
+    for needed, most, option in ((hours, max_hours, "max-hours"), (_gib(study), max_gib, "max-gib")):
+        if needed > most:
+            raise InputError(
+                f"{config}: {option.partition('-')[2]}: would need {needed:.3g}, more than --{option} {most:g}"
+            )
+
+
+def _gib(study: Study) -> float:
+    return study.chunks * study.chunk_bytes / 2**30

@@ -35,7 +35,7 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
     from tumblecal.show.figures.study import FIGURES
     from tumblecal.show.page import write_page
     from tumblecal.show.study import answer_of, print_answer
-    from tumblecal.studies.cost import cost_of
+    from tumblecal.studies.cost import cost_words, require_affordable
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study, unused_of_head
 
@@ -46,9 +46,9 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
     study = study_of(tables)
     if unused := unused_of_head(kind, tables):
         warn(config, [unused])
-    cost = cost_of(study, running.workers or 1)
-    print(f"{config}: {cost.words}")
-    cost.require(config, running.max_hours, running.max_gib)
+    workers = running.workers or 1
+    print(f"{config}: {cost_words(study, workers)}")
+    require_affordable(study, config, workers, running.max_hours, running.max_gib)
     if running.dry_run:
         return
     names = (f"{kind}*", "*.svg", "manifest.json", "chunks/*")

@@ -24,6 +24,8 @@ NEAR_ZERO = 0.1
 _MOST_UNSURE, _MOST_TOGETHER = 40, 3000
 # An input with a fixed sign is at this distance (g) from zero, pulled there by this weight (1/g).
 _FROM_ZERO, _HELD = 1e-6, 1e8
+# Step of finite differences, in scaled parameters.
+_STEP = 1e-3
 
 
 def sign_variants(at: Tangent) -> list[CauseTable]:

@@ -15,7 +15,7 @@ from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.blas import single_blas_thread
-from tumblecal.plan.next.choosing import MOST_IN_SET, Value, best_of, greedy
+from tumblecal.plan.next.choosing import MOST, MOST_IN_SET, Value, best_of, greedy
 from tumblecal.plan.next.competition import competition
 from tumblecal.plan.next.conditions import Conditions, continued, temperature_notes
 from tumblecal.plan.next.confirming import Confirmation, confirmations
@@ -27,7 +27,6 @@ from tumblecal.plan.next.sampling import REVERSED, SAMPLE, samples
 from tumblecal.plan.next.separating import LEAST_STEP, separate, separation
 
 
-MOST = 6
 LEAST_VALUE = 1e-3
 # A set is complete when a further position would reduce the worst uncertainty by less than 3 % (a turn of several: 10 %).
 _LEAST_GAIN = 0.03
@@ -155,7 +154,7 @@ def _proposed(
     plan = replace(plan, promise=None if found is None else found.promise)
     if found is not None and separated:
         value = separation(competing, predicted, found.counted)
-        singles, together = best_of(listed, rows.cells, value, MOST, LEAST_STEP), found.ordered
+        singles, together = best_of(listed, rows.cells, value, LEAST_STEP), found.ordered
         whole = sum(one.value for one in together)
         plan = replace(plan, purpose=SEPARATE, conditions=found.conditions, in_reverse=found.in_reverse, value=whole)
     else:
@@ -167,7 +166,7 @@ def _proposed(
         singles, together = (
             [replace(one, value=-float(np.expm1(-one.value))) for one in chosen]
             for chosen in (
-                best_of(listed, rows.cells, value, MOST, LEAST_VALUE),
+                best_of(listed, rows.cells, value, LEAST_VALUE),
                 greedy(listed, rows.cells, value, least, settings),
             )
         )
