@@ -50,7 +50,10 @@ def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
     for first in range(0, trials, _BLOCK):
         count = min(_BLOCK, trials - first)
         vectors, added, direct = _drawn(budget, rng, count)
-        fits = fitted(jnp.asarray(np.asarray(readings_at(vectors)) + added + _noise(budget, rng, count)))
+        noise = problem.noise.sample(rng, count).T.reshape(count, *problem.readings.shape)
+        if budget.fit.noise == "estimated":  # an estimated sd with its uncertainty
+            noise *= budget.fit.level * np.sqrt(budget.fit.dof / rng.chisquare(budget.fit.dof, (count, 1, 1)))
+        fits = fitted(jnp.asarray(np.asarray(readings_at(vectors)) + added + noise))
         good = np.asarray(fits.converged)
         errors.append((np.asarray(fits.values) - budget.fit.values + direct)[good])
         failed += int(np.sum(~good))
@@ -90,12 +93,3 @@ def _standard(rng: np.random.Generator, given: Input, size: tuple[int, ...]) -> 
     if np.isfinite(given.stated.freedom):
         drawn = drawn * np.sqrt(given.stated.freedom / rng.chisquare(given.stated.freedom, (size[0], 1)))
     return drawn * spread
-
-
-def _noise(budget: Budget, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Noise of the readings, g; for an estimated sd with its uncertainty."""
-    fit = budget.fit
-    noise = fit.problem.noise.sample(rng, count).T.reshape(count, *fit.problem.readings.shape)
-    if fit.noise == "estimated":
-        noise *= fit.level * np.sqrt(fit.dof / rng.chisquare(fit.dof, (count, 1, 1)))
-    return noise

@@ -140,7 +140,7 @@ def parquet_pieces(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"
 
 
 def pieces_in_order(table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
-    """The rows of a table that is not read yet, in order, in pieces of about `PARQUET_ROWS`; one empty piece of an empty table."""
+    """The rows of a table that is not read yet, in order, in pieces of about `PARQUET_ROWS`; one empty piece if it is empty."""
     batches = table.collect_batches(chunk_size=PARQUET_ROWS, lazy=True)
     first = next(batches, None)
     yield table.head(0).collect() if first is None else first

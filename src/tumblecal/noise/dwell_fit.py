@@ -75,22 +75,18 @@ def fit_dwells(dwells: Sequence[Float[np.ndarray, "samples 3"]], rate_hz: float,
     lengths = np.array([len(dwell) for dwell in dwells])
     size = max(int(np.quantile(lengths, 0.1)) // _BLOCKS, 1)
     block_s, typical_s = size / rate_hz, float(np.median(lengths)) / rate_hz
-    slow = _slow_parts(1 / rate_hz, _SHORTEST_MARKOV * block_s, typical_s, whole_s)
+    # Flicker, walk and Gauss-Markov parts, all with the Allan variance of unit white noise at the length of a dwell.
+    unit, tau, shortest_s = np.ones(3), np.array([typical_s]), _SHORTEST_MARKOV * block_s
+    longest_s = max(whole_s, _LONGEST_MARKOV * typical_s, 2 * shortest_s)
+    slow: list[Part] = [Flicker(unit, 1 / rate_hz, _SLOWEST * max(whole_s, typical_s)), RandomWalk(unit)]
+    slow += [GaussMarkov(unit, float(time)) for time in np.geomspace(shortest_s, longest_s, _MARKOV_TIMES)]
+    slow = [_scaled(part, unit / np.sqrt(typical_s * part.allan_variance(tau)[0])) for part in slow]
     white, squared = _averaged(_contrasts(dwells, size), slow, size, 1 / rate_hz)
     parts: list[Part] = [White(np.sqrt(np.maximum(white, LEAST_G**2 * typical_s)))]
     for part, squared_size in zip(slow, squared, strict=True):
         if np.any(squared_size > _SHARE * white):
             parts.append(_scaled(part, np.sqrt(squared_size)))
     return Noise(tuple(parts))
-
-
-def _slow_parts(period_s: float, shortest_s: float, dwell_s: float, whole_s: float) -> list[Part]:
-    """Flicker, walk and Gauss-Markov parts, all with the Allan variance of unit white noise at the length of a dwell."""
-    unit, tau = np.ones(3), np.array([dwell_s])
-    longest_s = max(whole_s, _LONGEST_MARKOV * dwell_s, 2 * shortest_s)
-    parts: list[Part] = [Flicker(unit, period_s, _SLOWEST * max(whole_s, dwell_s)), RandomWalk(unit)]
-    parts += [GaussMarkov(unit, float(time)) for time in np.geomspace(shortest_s, longest_s, _MARKOV_TIMES)]
-    return [_scaled(part, unit / np.sqrt(dwell_s * part.allan_variance(tau)[0])) for part in parts]
 
 
 def _scaled(part: Part, factor: Float[np.ndarray, "3"]) -> Part:

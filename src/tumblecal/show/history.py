@@ -20,7 +20,11 @@ from tumblecal.show.words import Words, words_of
 def words_of_history(serial: str, history: UnitHistory, risk: float) -> Words:
     """The words of the history of a unit; block `findings`: each with its next step."""
     results, (months, limiting) = history.entries, history.interval(risk)
-    events = _events(history)
+    # Changes by kind, first and last result, the largest first: those of several parameters are one finding.
+    found = [(trend, change) for trend in history.trends for change in trend.changes]
+    events = dict[tuple[str, int, int], list[tuple[Trend, Change]]]()
+    for trend, change in sorted(found, key=lambda pair: -abs(pair[1].size) / pair[1].u):
+        events.setdefault((change.kind, change.first, change.last), []).append((trend, change))
     return words_of(
         "history",
         h=history,
@@ -42,15 +46,6 @@ def words_of_history(serial: str, history: UnitHistory, risk: float) -> Words:
         groups=GROUPS,
         finite=np.isfinite,
     )
-
-
-def _events(history: UnitHistory) -> dict[tuple[str, int, int], list[tuple[Trend, Change]]]:
-    """Changes by kind, first and last result, the largest first: those of several parameters are one finding."""
-    found = [(trend, change) for trend in history.trends for change in trend.changes]
-    events = dict[tuple[str, int, int], list[tuple[Trend, Change]]]()
-    for trend, change in sorted(found, key=lambda pair: -abs(pair[1].size) / pair[1].u):
-        events.setdefault((change.kind, change.first, change.last), []).append((trend, change))
-    return events
 
 
 def steps(words: Words) -> list[str]:

@@ -222,7 +222,13 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
                 waves[-1][at_setting] = values
     if not listed:
         return []
-    rows = _combinations(np.array(waves), fit)
+    # The combinations of white rows that are the sums of each axis's residuals (g) times each wave.
+    of_axis = np.array(waves).T[:, None, None] * np.eye(3)[None, :, :, None]
+    flat, whitening = of_axis.reshape(fit.residuals.size, -1), np.asarray(fit.problem.whitening)
+    correlated = whitening.ndim > 1
+    flat = np.linalg.solve(fit.problem.whitening_matrix.T, flat) if correlated else flat / whitening[:, None]
+    padded = np.concatenate([flat, np.zeros((len(fit.rows) - len(flat), flat.shape[1]))])
+    rows = padded.reshape(-1, 3, len(waves))
     sizes = np.linalg.norm(rows - np.einsum("rk,kaw->raw", q, np.einsum("rk,raw->kaw", q, rows)), axis=0)
     seen, sums = sizes / np.linalg.norm(rows, axis=0), np.einsum("raw,r->aw", rows, fit.rows)
     in_sd = np.where(seen > VISIBLE, sums / np.maximum(sizes * level, 1e-300), np.nan).tolist()
@@ -231,15 +237,6 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
         for k, wave in enumerate(listed)
         for axis, name in enumerate(AXES)
     ]
-
-
-def _combinations(waves: Float[np.ndarray, "waves positions"], fit: Fit) -> Float[np.ndarray, "rows 3 waves"]:
-    """The combinations of white rows that are the sums of each axis's residuals (g) times each wave."""
-    of_axis = waves.T[:, None, None] * np.eye(3)[None, :, :, None]
-    flat, whitening = of_axis.reshape(fit.residuals.size, -1), np.asarray(fit.problem.whitening)
-    correlated = whitening.ndim > 1
-    flat = np.linalg.solve(fit.problem.whitening_matrix.T, flat) if correlated else flat / whitening[:, None]
-    return np.concatenate([flat, np.zeros((len(fit.rows) - len(flat), flat.shape[1]))]).reshape(-1, 3, len(waves))
 
 
 def normal_quantiles(fit: Fit) -> NormalQuantiles:
