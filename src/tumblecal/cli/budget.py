@@ -78,7 +78,7 @@ def budget(
     from tumblecal.budget.monte_carlo import monte_carlo
     from tumblecal.budget.of_diagnosis import with_diagnosis
     from tumblecal.budget.planned_fit import planned_fit
-    from tumblecal.cli.measured_fit import measured_fit
+    from tumblecal.cli.positions_read import measured_fit
     from tumblecal.cli.read_model import read_model
     from tumblecal.show.budget import budget_text, write_budget
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from tumblecal.cli.options import Files, Probability, Quiet, Texts, options
 from tumblecal.cli.terminal import warn
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
@@ -72,14 +73,15 @@ def history(
     from tumblecal.history.database import checked, listed
     from tumblecal.history.named import require_named
     from tumblecal.history.repeatability import limits_of
-    from tumblecal.show.history_list import checked_text, damage_lines, list_text
+    from tumblecal.show.history_list import damage_lines, list_text
 
     if check:
         if serial is not None or files is not None or out is not None or added != AddedResults():
             raise InputError(f"--check tests the whole file; give only {database}")
         entries, faults = checked(database)
         found = [*damage_lines(entries, ": damaged"), *(f"SQLite: {fault}" for fault in faults)]
-        print(checked_text(database, entries, found))
+        outcome = f"{counted(len(found), 'fault')}; restore it from a copy" if found else "none damaged"
+        print("\n".join([*found, f"{database}: {counted(len(entries), 'result')}, {outcome}"]))
         return 1 if found else 0
     if serial is None and (criteria != Criteria() or (out is not None and files is None)):
         raise InputError(f"--limit, --risk and --out are for one unit; give its serial number after {database}")

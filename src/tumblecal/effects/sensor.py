@@ -18,14 +18,6 @@ def _power(axis: int, power: int):
     return lambda u, where: u[axis] ** power
 
 
-def _size(axis: int):
-    return lambda u, where: jnp.abs(u[axis])
-
-
-def _sign(axis: int):
-    return lambda u, where: jnp.sign(u[axis])
-
-
 def _form(axis: str, powers: dict[int, int], kind: str = "product") -> dict:
     return {"axis": axis, "powers": [powers.get(number, 0) for number in range(3)], "kind": kind}
 
@@ -74,7 +66,7 @@ def _asymmetries(number: int, axis: str) -> tuple[Effect, ...]:
         _term(
             f"scale_asymmetry.{axis}",
             axis,
-            _size(number),
+            lambda u, where: jnp.abs(u[number]),
             unit="mg/g",
             physics="K1' abs(u)",
             forms=(_form(axis, {number: 1}, "abs"),),
@@ -85,7 +77,7 @@ def _asymmetries(number: int, axis: str) -> tuple[Effect, ...]:
         _term(
             f"bias_asymmetry.{axis}",
             axis,
-            _sign(number),
+            lambda u, where: jnp.sign(u[number]),
             unit="mg",
             physics="K0' sgn(u)",
             forms=(_form(axis, {number: 1}, "sign"),),

@@ -1,6 +1,5 @@
 """Readings that no sensor can produce: another unit in some rows, misplaced decimal points, a logger that repeated readings."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -62,7 +61,8 @@ def units_of_rows(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
         ):
             if rows:
                 listed = ", ".join(data.names[row] for row in rows[:6]) + (" ..." if len(rows) > 6 else "")
-                found.append(SetupError(label, f"position{'s' if len(rows) > 1 else ''} {listed} {_are(rows)} {fault}"))
+                position, are = ("positions", "are") if len(rows) > 1 else ("position", "is")
+                found.append(SetupError(label, f"{position} {listed} {are} {fault}"))
     return replace(data, readings=readings), found
 
 
@@ -162,10 +162,6 @@ def _refuse_stuck(data: PositionSet, predicted: Float[np.ndarray, "positions 3"]
                     f"positions {_listed(data, rows)}, where it must change by {np.ptp(predicted[rows, axis]):.2g} g: it "
                     "stuck; remove the rows that were not measured"
                 )
-
-
-def _are(rows: Sequence[int]) -> str:
-    return "are" if len(rows) > 1 else "is"
 
 
 def _listed(data: PositionSet, rows: np.ndarray) -> str:

@@ -103,32 +103,32 @@ class StatedModel:
         known = self.known(data)
         chain = self.chain(data, known=known)
         problem = problem_of(data, chain, noise_sd=self.noise_sd, priors=self.stated(chain, data, known=known))
-        ability = self.slow_noise(data)
+        ability, _ = self.slow_noise(data)
         if ability is None:
             return problem
         from tumblecal.estimation.slow_noise import with_slow_noise
 
         return with_slow_noise(problem, ability)
 
-    def slow_noise(self, data: PositionSet, *, sampled: bool = False) -> "HeadAbility | None":
-        """The head whose slow noise (`[head.noise]` of the rig) these data have; None if none is stated or can be used.
+    def slow_noise(self, data: PositionSet, *, sampled: bool = False) -> "tuple[HeadAbility | None, str]":
+        """The head whose slow noise (`[head.noise]` of the rig) these data have, or why it cannot be used; None and "" if
+        none is stated.
 
         **Arguments:**
 
         - `sampled`: whether raw samples state the noise.
         """
         ability = None if self.rig is None else self.rig.ability
-        return ability if ability and ability.slow_noise.any and not self._without_slow_noise(data, sampled) else None
-
-    def _without_slow_noise(self, data: PositionSet, sampled: bool) -> str:
-        """Why slow noise cannot be used; "" if it can."""
+        if ability is None or not ability.slow_noise.any:
+            return None, ""
         reasons = {
             "the noise is that of --samples": sampled,
             'the noise of a dwell is not stated; add [noise] sd = "0.1 mg" to the rig, or give --noise-sd': self.noise_sd
             is None,
             "no column time_s": data.time_s is None,
         }
-        return next((words for words, holds in reasons.items() if holds), "")
+        reason = next((words for words, holds in reasons.items() if holds), "")
+        return None if reason else ability, reason
 
     def notes(self, data: PositionSet, *, sampled: bool = False) -> list[str]:
         """What a user should know of this model for these data: differences from the designed plan of the rig, and parts of the
@@ -137,11 +137,10 @@ class StatedModel:
             return []
         from tumblecal.estimation.planned_positions import compared_with_plan, is_designed
 
-        notes = compared_with_plan(self.rig, data) if is_designed(self.rig) else []
-        reason = self._without_slow_noise(data, sampled)
-        if reason and self.rig.ability and self.rig.ability.slow_noise.any:
-            notes.append(f"[head.noise] of the rig is not used: {reason}")
-        return notes
+        notes, (_, reason) = [], self.slow_noise(data, sampled=sampled)
+        if is_designed(self.rig):
+            notes += compared_with_plan(self.rig, data)
+        return [*notes, f"[head.noise] of the rig is not used: {reason}"] if reason else notes
 
     def for_diagnosis(self, data: PositionSet, most: int | None = None, *, sampled: bool = False) -> dict[str, Any]:
         """Positions, repeats averaged if there are many, with their model and noise: arguments of a `Diagnoser`, and `words` on
@@ -160,7 +159,7 @@ class StatedModel:
             "chain": chain,
             "noise_sd": bounded.noise_sd,
             "priors": self.priors if chain is None else self.stated(chain, bounded.data, known=known),
-            "ability": self.slow_noise(bounded.data, sampled=sampled),
+            "ability": self.slow_noise(bounded.data, sampled=sampled)[0],
         }
 
     def chain(self, data: PositionSet, *, known: bool) -> Chain:

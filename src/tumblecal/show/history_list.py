@@ -43,9 +43,3 @@ def damage_lines(entries: Iterable[Entry], words: str = "") -> Iterator[str]:
         if entry.damaged:
             date = f" of {entry.date_utc[:10]}" if entry.date_utc else ""
             yield f"result {entry.number}{date}{words}: {entry.damaged}"
-
-
-def checked_text(database: Path, entries: Sequence[Entry], faults: Sequence[str]) -> str:
-    """The damaged entries, and the faults of the file that SQLite finds."""
-    outcome = f"{counted(len(faults), 'fault')}; restore it from a copy" if faults else "none damaged"
-    return "\n".join([*faults, f"{database}: {counted(len(entries), 'result')}, {outcome}"])

@@ -242,6 +242,10 @@ def experiment_of(
     readings = np.asarray(simulated(problem.where))
     check_sampler(draw_truth, chain.vector.shape, "truth")
     check_sampler(draw_noise, readings.shape, "noise")
+    # The part of the readings beyond mean, sine and cosine.
+    beyond = None
+    if not same and chosen is not None:
+        beyond = readings - np.asarray(chosen.synthesis(chosen.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
     # Covariance of the estimates at the chain's own parameters, from the stated noise.
     _, to_values = design(problem)
     predicted_covariance = to_values @ to_values.T
@@ -255,7 +259,7 @@ def experiment_of(
         problem=problem,
         simulated=simulated,
         readings=readings,
-        beyond=None if same or chosen is None else _beyond(chosen, readings),
+        beyond=beyond,
         factor=factor if covariance is None else np.stack([square_root(part) for part in covariance]),
         sd=float(1.0 / np.max(np.abs(np.asarray(problem.whitening)))) if problem.whitening.ndim == 1 else float("nan"),
         covariance=predicted_covariance,
@@ -279,11 +283,6 @@ def _without_readings(chain: Chain, where: Where, sd: float, priors: Priors | No
 def _drawn(mean: np.ndarray, root: np.ndarray, key: Array) -> Array:
     """A random instrument."""
     return jnp.asarray(mean) + jnp.asarray(root) @ jax.random.normal(key, (root.shape[1],))
-
-
-def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
-    """The part of readings beyond mean, sine and cosine."""
-    return readings - np.asarray(plan.synthesis(plan.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
 
 
 def with_known_coefficients(link: Link) -> Link:

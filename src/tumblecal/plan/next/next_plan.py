@@ -116,7 +116,12 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     if diagnosis.data.hand_held:
         return _by_hand(diagnosis)
     allowed, data = allowed or Allowed(), diagnosis.data
-    sides = tuple(SIDES) if allowed.remount and _remounts(diagnosis) else ()
+    # Whether the chain can describe the triad in a new mounting: by an exact mount with free angles for each mounting.
+    mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
+    free = [leaf for leaf in parameters_of(tuple(mounts)) if leaf.name == "dtheta" and leaf.free]
+    one_mounting = not diagnosis.from_rig or len(set(data.mount or ("1",))) == 1
+    of_mounting = any(one_mounting if leaf.by is None else "mount" in leaf.by.split(".") for leaf in free)
+    sides = tuple(SIDES) if allowed.remount and len(mounts) == 1 and of_mounting else ()
     notes = [_NOT_REMOUNTED] if allowed.remount and not sides else []
     plan = NextPlan(from_rig=diagnosis.from_rig, conditions=continued(data))
     if diagnosis.unnamed is not None:
@@ -158,7 +163,12 @@ def _proposed(
         whole = sum(one.value for one in together)
         plan = replace(plan, purpose=SEPARATE, conditions=found.conditions, in_reverse=found.in_reverse, value=whole)
     else:
-        watched = _watched(diagnosis)
+        # Columns of the sensor parameters of new positions; all nominal ones if a rig fixes these.
+        watched, where = list[int](), diagnosis.problem.where
+        for leaf, columns in leaves_of(diagnosis.model):
+            if leaf.name in ("dK", "bias", "gamma"):
+                watched += columns[0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])].tolist()
+        watched = watched or list(range(diagnosis.model.nominal))
         value = Value([leader], sharpenings(watched), np.zeros(1), np.inf)
         worst = model.names[watched[int(np.argmax(np.diag(leader.covariance)[watched]))]]
         least = -np.log1p(-np.minimum([_LEAST_GAIN * len(one.angles_deg) for one in listed], _LEAST_TURN))
@@ -188,20 +198,3 @@ def _by_hand(diagnosis: Diagnosis) -> NextPlan:
     )
     value = 1 - float(np.prod([1 - position.value for position in together]))
     return NextPlan(together=together, purpose=SHARPEN_WEAKEST, value=value, notes=(_SIDES_BY_HAND,))
-
-
-def _remounts(diagnosis: Diagnosis) -> bool:
-    """Whether the chain can describe the triad in a new mounting: by an exact mount with free angles for each mounting."""
-    mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
-    free = [leaf for leaf in parameters_of(tuple(mounts)) if leaf.name == "dtheta" and leaf.free]
-    one_mounting = not diagnosis.from_rig or len(set(diagnosis.data.mount or ("1",))) == 1
-    return len(mounts) == 1 and any(one_mounting if leaf.by is None else "mount" in leaf.by.split(".") for leaf in free)
-
-
-def _watched(diagnosis: Diagnosis) -> list[int]:
-    """Columns of the sensor parameters of new positions; all nominal ones if a rig fixes these."""
-    chosen, where = list[int](), diagnosis.problem.where
-    for leaf, columns in leaves_of(diagnosis.model):
-        if leaf.name in ("dK", "bias", "gamma"):
-            chosen += columns[0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])].tolist()
-    return chosen or list(range(diagnosis.model.nominal))
