@@ -80,7 +80,7 @@ def budget(
     from tumblecal.budget.planned_fit import planned_fit
     from tumblecal.cli.positions_read import measured_fit
     from tumblecal.cli.read_model import read_model
-    from tumblecal.show.budget import budget_text, write_budget
+    from tumblecal.show.budget import budget_lines, write_budget
 
     planned = checking.planned(data, options.rig, diagnosis)
     model = read_model(replace(options, rig=data) if planned else options)
@@ -98,5 +98,5 @@ def budget(
             checked = monte_carlo(made, checking.monte_carlo, checking.seed) if checking.monte_carlo else None
         command.say(*more)
         write_budget(aside, made, checked, [*notes, *more])
-    command.say(budget_text(made, checked))
+    command.say(*budget_lines(made, checked))
     return command.end(out, _SET, "budget.json")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tumblecal.cli.options import Quiet
 from tumblecal.cli.result_files import names_written, results
-from tumblecal.cli.terminal import warn
+from tumblecal.cli.terminal import print_folded, warn
 from tumblecal.ground.errors import InputError
 
 
@@ -70,4 +70,6 @@ def certificate(
         write_text(aside / "dcc.xml", dcc_text(stated, certified, source))
     words = words_of_certificate(certified, admin, elsewhen, stated_degc=temperatures is not None)
     warn(folder, words.lines("warnings"))
-    print("\n".join([*words.lines("statements"), f"{words.text('conformity')} {names_written(out, _SET)}".strip()]))
+    print_folded(
+        "\n".join([*words.lines("statements"), f"{words.text('conformity')} {names_written(out, _SET)}".strip()])
+    )

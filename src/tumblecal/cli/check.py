@@ -62,14 +62,14 @@ def check(
     files = recording_files(recording, [context.table, context.plan])
     inputs = [calibration, *files, context.plan, context.table, test.rig, more.history]
     rates = updating.rates(inputs)
-    stated = test.stated() | {"local": gravity_of_option(options.gravity) if options.gravity else None}
+    stated, local = test.stated(), gravity_of_option(options.gravity) if options.gravity else None
     more.require_history()
     with results(out, _SET, inputs) as aside:
         with command.working("reading"):
             found = still_attitudes(files, context, replace(options, gravity=""), criterion)
         print_recordings(command, found.dwells.read, found.dwells.warnings, interval_lines(found.dwells))
         with command.working("testing"):
-            result, source = check_recording(read, calibration, found, **stated)
+            result, source = check_recording(read, calibration, found, local=local, **stated)
         made, refused = updating.updated(result, source, rates, more.history)
         words = words_of_check(result, [calibration, *found.dwells.files], made, update)
         write_check(aside, result, words, source, made and made[0], figures=more.figures is not False)

@@ -12,11 +12,11 @@ from tumblecal.cli.options import Quiet, options
 from tumblecal.cli.result_files import names_written
 from tumblecal.cli.terminal import columns, print_folded, print_progress_messages, progress, warn
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.plain_text import plain
 
 
 if TYPE_CHECKING:
     from tumblecal.data.calibration_use import Use
+    from tumblecal.show.tables import Table
     from tumblecal.show.verdict import Verdict
 
 
@@ -54,10 +54,11 @@ class Command:
         """Whether words are printed."""
         return not (self.quiet or self.json)
 
-    def say(self, *paragraphs: str) -> None:
-        """Print words, unless JSON or silence is asked for; folded on a terminal, otherwise one line for each paragraph."""
-        if self.words and (text := plain("\n".join(paragraphs))):
-            print_folded(text)
+    def say(self, *paragraphs: "str | Table") -> None:
+        """Print words and tables, unless JSON or silence is asked for; on a terminal paragraphs are folded, and tables are in
+        parts below one another."""
+        if self.words:
+            print_folded(*paragraphs)
 
     def warn(self, source: object, lines: Iterable[str]) -> None:
         """Print warnings on stderr, one line each, if no words are printed that include them."""

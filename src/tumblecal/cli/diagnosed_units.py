@@ -36,7 +36,7 @@ def diagnosed_units(files: PositionFiles, batch: Batch, read: list[Read], worker
     with batch.command.working("estimating errors common to the units"):
         measured = joint_diagnosis([*screened.values()], [str(files.files[k]) for k in screened], batch.model.usual)
     heads = {number: measured.known_to(place) for place, number in enumerate(screened)}
-    del screened, begun
+    del screened
 
     def write(rows: Sequence[dict[str, Any]]) -> None:
         units = [(files.folders[number].name, rows[number]) for number in heads]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tumblecal.cli.result_files import names_written, results
-from tumblecal.cli.terminal import warn
+from tumblecal.cli.terminal import print_folded, warn
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import suggested
@@ -42,6 +42,7 @@ def restore(database: Path, number: int, out: Path | None) -> int:
     **Raises:** `InputError` as `stored_files`.
     """
     stored, damaged = stored_files(database, number, out)
+    assert out is not None
     with results(out, ()) as aside:
         for name, text in stored.items():
             write_text(aside / name, text)
@@ -73,4 +74,4 @@ def evaluate(database: Path, serial: str, limits: dict[str, float], risk: float,
         with results(out, _SET) as aside:
             write_history(aside, words, judged)
         pages = names_written(out, _SET)
-    print(f"{history_text(words)}\n{pages}")
+    print_folded(f"{history_text(words)}\n{pages}")

@@ -49,7 +49,7 @@ def read_each(
         parts = [part for part in read if not isinstance(part, InputError)]
         whole, words = joined_files(parts, model.rig, files.joining.pause, same_run=files.joining.same_run)
         files.command.say(*words)
-        read = [whole]
+        read[:] = [whole]
     for positions in read:
         if not isinstance(positions, InputError):
             warn(positions.source, model.notes(positions, sampled=sampled))

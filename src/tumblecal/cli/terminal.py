@@ -1,13 +1,20 @@
 """The terminal of a command: its width, warnings, and progress."""
 
 import logging
+import math
 import os
 import shutil
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from tumblecal.ground.errors import one_line
+from tumblecal.ground.plain_text import plain
+
+
+if TYPE_CHECKING:
+    from tumblecal.show.tables import Table
 
 
 def warn(source: object, lines: Iterable[str]) -> None:
@@ -28,13 +35,17 @@ def columns() -> int:
     return min(WIDTH, terminal_width() or WIDTH)
 
 
-def print_folded(text: str) -> None:
-    """Print paragraphs, folded between words on a terminal, otherwise one line each."""
-    if width := terminal_width():
+def print_folded(*paragraphs: "str | Table") -> None:
+    """Print paragraphs and tables: on a terminal folded between words, and in parts below one another; otherwise one line for
+    each paragraph and row."""
+    width = terminal_width()
+    text = plain("\n".join(one if isinstance(one, str) else one.fitted(width or math.inf) for one in paragraphs))
+    if width:
         from tumblecal.show.narrow import folded
 
         text = folded(text, width)
-    print(text, flush=True)
+    if text:
+        print(text, flush=True)
 
 
 def print_progress_messages() -> None:

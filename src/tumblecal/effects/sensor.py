@@ -128,9 +128,13 @@ def _cross_axis_square(number: int, axis: str) -> Effect:
     )
 
 
-def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
-    products = (_cross_coupling(number, axis, *inputs) for inputs in combinations(range(3), 2))
-    return (*_nonlinearities(number, axis), *_asymmetries(number, axis), *products, _cross_axis_square(number, axis))
-
-
-ENTRIES = tuple(entry for number, axis in enumerate(AXES) for entry in _axis_entries(number, axis))
+ENTRIES = tuple(
+    entry
+    for number, axis in enumerate(AXES)
+    for entry in (
+        *_nonlinearities(number, axis),
+        *_asymmetries(number, axis),
+        *(_cross_coupling(number, axis, *inputs) for inputs in combinations(range(3), 2)),
+        _cross_axis_square(number, axis),
+    )
+)

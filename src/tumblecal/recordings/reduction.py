@@ -80,30 +80,22 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
     calm, reported, axes = ordinary_dwells(list(reduction.quiet)), noise.reported, {}
     for axis, (letter, coefficients) in enumerate(zip(AXES, reported.coefficients(), strict=True)):
         allan = overlapping_allan([force[:, axis] for force in calm], dwells.rate_hz, factors)
-        axes[letter] = AxisRecord(noise=coefficients | quantisation_and_misfit(allan, reported, axis), allan=allan)
+        axes[letter] = AxisRecord.of(allan, noise=coefficients | quantisation_and_misfit(allan, reported, axis))
     more = dwells.dwell_entries or [{}] * len(data)
     positions = [
-        PositionRecord(
-            name=name,
-            n=len(force),
-            mean_g=force.mean(0),
-            sd_of_mean_g=sd,
-            batch_means_sd_g=force,
-            white_noise_sd_g=force,
-            checks=checks,
-            **entries,
+        PositionRecord.model_validate(
+            dict(entries)
+            | {"name": name, "n": len(force), "mean_g": force.mean(0), "sd_of_mean_g": sd, "checks": checks}
+            | {"batch_means_sd_g": force, "white_noise_sd_g": force}
         )
         for name, entries, force, sd, checks in zip(
             data.names, more, reduction.quiet, data.sd, reduction.checks, strict=True
         )
     ]
-    record = ReductionRecord(
-        rate_hz=dwells.rate_hz,
-        noise_model=json.loads(noise.text()),
-        within_dwells=reduction.within,
-        axes=axes,
-        positions=positions,
-        **dwells.entries,
+    record = ReductionRecord.model_validate(
+        dict(dwells.entries)
+        | {"rate_hz": dwells.rate_hz, "noise_model": json.loads(noise.text())}
+        | {"within_dwells": reduction.within, "axes": axes, "positions": positions}
     )
     path = folder / "reduction.json"
     record.write(path)

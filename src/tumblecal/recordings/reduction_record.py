@@ -23,7 +23,7 @@ class AxisRecord(ResultRecord):
     """Noise coefficients of an axis, and its Allan deviation."""
 
     noise: dict[str, float]
-    allan: AllanRecord
+    allan: AllanRecord = at("result")
 
 
 class WithinDwellsRecord(ResultRecord):

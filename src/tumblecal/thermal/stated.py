@@ -40,8 +40,8 @@ def read_stated(order: str, knots: Sequence[str], reference_degc: float | None, 
         raise InputError(f"--order and --knots both state {both[0]}; give one of them")
     if wrong := {*orders.values()} - {*map(str, range(HIGHEST_ORDER + 1))}:
         raise InputError(f"--order {order}: {min(wrong)!r} is not an order from 0 to {HIGHEST_ORDER}")
-    base = path and read_calibration(path)
-    if base:
+    base = None if path is None else read_calibration(path)
+    if path is not None and base is not None:
         base.use.require(path, anyway=False)
     return Stated(
         {_LEAVES[leaf]: int(given) for leaf, given in orders.items()},

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tumblecal.cli.result_files import names_written
 from tumblecal.cli.study.study_options import Running
-from tumblecal.cli.terminal import warn
+from tumblecal.cli.terminal import print_folded, warn
 from tumblecal.ground.errors import InputError
 
 
@@ -47,7 +47,7 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
     if unused := unused_of_head(kind, tables):
         warn(config, [unused])
     workers = running.workers or 1
-    print(f"{config}: {cost_words(study, workers)}")
+    print_folded(f"{config}: {cost_words(study, workers)}")
     require_affordable(study, config, workers, running.max_hours, running.max_gib)
     if running.dry_run:
         return
@@ -71,4 +71,4 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
         raise KeyboardInterrupt(words) from None
     print_answer(answer_of(kind, content, frames), console)
     written = names_written(folder, (f"{kind}.html", "*.svg", f"{kind}_*.parquet", f"{kind}.json"))
-    print(f"{written} (open {folder / kind}.html)")
+    print_folded(f"{written} (open {folder / kind}.html)")

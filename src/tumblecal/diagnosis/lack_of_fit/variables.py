@@ -98,7 +98,9 @@ def of_readings(
     """Variables that depend on the readings: the attitude; the attitude and what changes slowly; the side to which gravity
     pulls; what is touched on one side; the inputs; the temperature."""
     gravity = inputs / np.sqrt(np.vecdot(inputs, inputs))[:, None]
-    of_gravity, thermal = _smooth(gravity / ATTITUDE_LENGTH), _by_temperature(where)
+    of_gravity, thermal = _smooth(gravity / ATTITUDE_LENGTH), _Kernels()
+    if where.temperature_degc is not None and np.ptp(np.asarray(where.temperature_degc)) > 0:
+        thermal["the temperature"] = _smooth(_shares(np.asarray(where.temperature_degc, float)) / TEMPERATURE_LENGTH)
     # Kernels of what falls to one side or the other, and of what is touched on one side alone: sums of steps, and of ramps
     # that begin, at planes across the direction of gravity (arc-cosine kernels of order 0 and 1, Cho and Saul 2009).
     extended = np.column_stack([gravity, np.full(len(gravity), PLANES)])
@@ -130,13 +132,6 @@ def of_angles(alpha: tuple[float, ...], beta: tuple[float, ...]) -> tuple[Variab
             {f"the spindle angle{bending}": _smooth(spindle / length) for bending, length in SPINDLE_LENGTHS.items()}
         ),
     )
-
-
-def _by_temperature(where: Where) -> _Kernels:
-    """Smooth functions of the temperature, where it was measured and changed."""
-    if where.temperature_degc is None or np.ptp(np.asarray(where.temperature_degc)) == 0:
-        return {}
-    return {"the temperature": _smooth(_shares(np.asarray(where.temperature_degc, float)) / TEMPERATURE_LENGTH)}
 
 
 @lru_cache(maxsize=64)
