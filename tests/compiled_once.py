@@ -1,6 +1,6 @@
 """What JAX traces and compiles in this session is made once: its workers and the commands that it starts share one folder.
 
-The process that traces a function checks the shapes of its signatures. Null distributions are drawn once a plan.
+The process that traces a function checks the shapes of its signatures.
 """
 
 import os

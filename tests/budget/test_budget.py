@@ -182,21 +182,17 @@ def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):
 
 
 def test_a_gimbal_beside_nist_s_bounds_is_what_the_docs_say(tumblecal, tmp_path, configs):
-    """Geist and Gaitan 2022 (PMC11249360): three bounds set the inputs, the other two are not passed then."""
+    """Geist and Gaitan 2022 (PMC11249360): three bounds set the inputs, the other two are not exceeded."""
     outcome = tumblecal("budget", configs / "budget_gimbal.toml", "--out", tmp_path)
     assert outcome.code == 0, outcome.lines
     budget = json.loads((tmp_path / "budget.json").read_text())
     here, page = gimbal.largest_uncertainties(budget), (configs.parent / "docs" / "budget.md").read_text()
-    by_input = gimbal.largest_by_input(gimbal.rig_budget())
-    for row in (*gimbal.table(here), *gimbal.input_table(by_input)):
+    for row in gimbal.table(here):
         assert row in page, row
     for what in ("intrinsic sensitivity", "sensitivity matrix, off-diagonal", "zero-acceleration offset / g"):
         assert here[what] == pytest.approx(gimbal.BOUNDS[what], rel=0.03)
     for what in ("sensitivity matrix, diagonal", "intrinsic angle / rad"):
         assert here[what] < gimbal.BOUNDS[what]
-    # By hand: a roll e moves y by e at every pitch, a mount by e cos(beta); the fit takes e sum(cos) / sum(cos^2) of it.
-    rolled = np.radians(1) * (1 + 2**0.5) / 2
-    assert by_input["levelling"]["sensitivity matrix, off-diagonal"] == pytest.approx(rolled, rel=1e-3)
 
 
 def test_the_noise_of_a_budget_is_that_of_the_calibration(tumblecal, tmp_path, table1):

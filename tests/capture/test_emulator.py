@@ -1,6 +1,7 @@
 """The virtual instrument: what it sends is what a device on a dividing head would send, and its ledger is right."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from tumblecal.capture.emulator import instrument, virtual_port
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
+from tumblecal.capture.emulator.operator import Typist
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.noise.allan import overlapping_allan
@@ -94,3 +96,21 @@ def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path, monke
     device = VirtualDevice(Emulation())
     device.advance(1000)
     assert device.ledger.as_dict()["warning"] == ""
+
+
+def test_typed_commands_act_on_the_head_and_the_chamber(monkeypatch, capsys) -> None:
+    device, typist = VirtualDevice(Emulation.model_validate({"instrument": {"start_up_s": 0.0}})), Typist()
+    end, start = os.pipe()
+    with open(end) as terminal, open(start, "wb", buffering=0) as keys:
+        monkeypatch.setattr("sys.stdin", terminal)
+        keys.write(b"45 3")
+        assert typist(device) and not capsys.readouterr().out  # the line is not complete
+        keys.write(b"0\nchamber 40\nturn left\n")
+        assert typist(device)
+        printed = capsys.readouterr().out.splitlines()
+        assert printed[:2] == ["turning to alpha 45, beta 30", "chamber set to 40 degC"]
+        assert "type ALPHA BETA" in printed[2]
+        device.advance(125 * 60)
+        assert tuple(device.head.angles(device.time_s)) == (45.0, 30.0)
+        keys.write(b"restart\nknock\nq\n")
+        assert not typist(device)

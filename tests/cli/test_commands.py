@@ -11,6 +11,7 @@ import pytest
 
 import independent
 from tumblecal import __version__
+from tumblecal.cli.commands import COMMANDS
 from tumblecal.data import paper, read_positions
 
 
@@ -78,6 +79,8 @@ assert run() == 0; print(*(name for name in sys.modules if name.startswith("tumb
 
 def test_help_versions_and_examples_are_listed(tumblecal, configs, monkeypatch):
     assert tumblecal("help", "apply").out == tumblecal("apply", "--help").out
+    overview = tumblecal().out
+    assert tumblecal("-h").out == overview and {line.split(" ")[0] for line in overview.splitlines()} >= {*COMMANDS}
     versions = dict(line.split(" ", 1) for line in tumblecal("--version", "-v").out.splitlines())
     assert versions["tumblecal"] == __version__ and versions["numpy"] == np.__version__
     listed = {line.split()[0] for line in tumblecal("example").out.splitlines()}

@@ -41,6 +41,8 @@ def test_many_diagnoses_are_the_single_ones(sets):
     first, refused = tumblecal.diagnose_many([sets[0], few], [FOURTH], entries=few_entries(), noise_sd=0.1e-3)
     assert isinstance(refused, InputError) and "too few" in str(refused)
     assert first.labels == ("bias_drift.x", "second_order.z") and "fourth_order.y" in first.limits
+    in_processes = tumblecal.diagnose_many([sets[0], few], [FOURTH], entries=few_entries(), noise_sd=0.1e-3, workers=2)
+    assert [getattr(each, "labels", None) for each in in_processes] == [first.labels, None]
     calibrated = tumblecal.calibrate(sets[0], noise_sd=0.1e-3)
     assert np.array_equal(pickle.loads(pickle.dumps(calibrated)).exact.values, calibrated.exact.values)
 

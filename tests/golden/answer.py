@@ -161,7 +161,8 @@ def differences(before: Any, after: Any, where: str = "", tolerance: float = 0.0
                 yield from differences(old, new, f"{where}[{number}]", tolerance)
         case ((int() | float()), (int() | float())) if not isinstance(before, bool):
             near = tolerance + ABSOLUTE + RELATIVE * max(abs(before), abs(after))
-            if not (abs(after - before) <= near or (math.isnan(before) and math.isnan(after))):
+            same = after == before or (math.isnan(before) and math.isnan(after))  # equal infinities have no difference
+            if not (same or abs(after - before) <= near):
                 yield f"{where}: {before} -> {after}"
         case _:
             if before != after:

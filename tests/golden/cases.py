@@ -135,15 +135,15 @@ THERMAL = {
 }
 
 _STUDY = """schema = "tumblecal.study.{kind}/1"
-rig = "paper24.toml"
+rig = "{rig}"
 seed = 1
 {more}
 """
 
 
-def _study(kind: str, more: str) -> Callable[[Path], None]:
+def _study(kind: str, more: str, rig: str = "paper24.toml") -> Callable[[Path], None]:
     def write(folder: Path) -> None:
-        (folder / "study.toml").write_text(_STUDY.format(kind=kind, more=more))
+        (folder / "study.toml").write_text(_STUDY.format(kind=kind, more=more, rig=rig))
 
     return _all(_configs("paper24.toml"), write)
 
@@ -158,17 +158,51 @@ MORE = {
     "prior and fixed": Case(POSITIONS, (_calibrate(f"{_STATED} --prior 'dbeta=3 arcmin' --fix gamma"),)),
     "unknown attitudes": Case(_hand(7, 20), (_calibrate("--attitudes unknown"),)),
     "plan in order": Case(_configs("plan_head.toml"), (f"{_PLAN} --minutes 60 --order keep --allow-mount A",)),
+    "plan with forecast": Case(
+        _configs("plan_head.toml"), ("plan plan_head.toml --restarts 1 --out p --positions 18",)
+    ),
+    "plan for two criteria": Case(
+        _all(_configs("plan_head.toml"), _study("coverage", "trials = 500", "p/rig.toml")),
+        (
+            f"{_PLAN} --positions 12 --criterion worst=1,in_use=2",
+            "study coverage study.toml --out s --workers 1",
+            f"{_PLAN}2 --positions 18 --criterion mean=1,naming=2 --effects 'second_order.z=0.2 mg/g^2'",
+        ),
+    ),
+}
+_SMALL = "instruments = 2\nsizes = 3\nsmallest = '0.3 mrad'\nlargest = '30 mrad'\ndata_sets = [1, 100]"
+_METHODS = "methods = ['single', 'mean', 'kalman', 'exact']\nprior_sd = [1e-3]"
+_FEW = f"runs = 20\ndata_sets = 10\nthresholds = [3e-3, 1e-3]\n{_METHODS}"
+_COLOURED = "[noise]\nfigures = [{ tau = '1 s', sd = '1.2 mg' }, { tau = '100 s', sd = '0.7 mg' }]\nrate = '125 Hz'"
+_GRID = '[grid]\n"rig.noise.sd" = ["0.05 mg", "0.5 mg"]\n"study.inject.second_order.y" = [0, 1.0]'
+_POWER = 'runs = 3\nnoise_stated = true\n[effects]\n"second_order.z" = [0, 5.0]'
+STUDIES = {
+    "linearization": _SMALL,
+    "convergence": f"{_FEW}\n{_COLOURED}\ndwell = '1200 s'\nmove = '60 s'\n{_SPREAD}",
+    "sweep": f"trials = 500\n{_GRID}",
+    "power": _POWER,
+}
+MORE |= {
+    f"study {kind}": Case(_study(kind, more), (f"study {kind} study.toml --out s --workers 1",))
+    for kind, more in STUDIES.items()
 }
 SIMULATION = {
     "simulate": Case(
         _configs(*(f"{name}.toml" for name in _RIGS)),
         tuple(f"simulate {name}.toml --seed 3 --out {name}.csv" for name in _RIGS),
     ),
-    "plan": Case(_configs("plan_head.toml"), (f"{_PLAN} --positions 12",)),
+    "plan": Case(
+        _configs("plan_head.toml"),
+        (
+            f"{_PLAN} --positions 12",
+            "simulate p/rig.toml --seed 1 --out m.csv",
+            f"{_PLAN}2 --positions 15 --augment m.csv --compare m.csv --compare p/rig.toml --compare p/plan_A.toml",
+        ),
+    ),
     "study coverage": Case(
         _study("coverage", f"trials = 2000\n{_SPREAD}"), ("study coverage study.toml --out s --workers 1",)
     ),
-    "example": Case(lambda folder: None, ("example paper24", "example study_power")),
+    "example": Case(lambda folder: None, ("example paper24", "example study_power", "ports")),
 }
 
 

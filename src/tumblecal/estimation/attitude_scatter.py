@@ -198,11 +198,12 @@ class _Rows(NamedTuple):
         """Restricted log likelihood (Patterson and Thompson 1971) for noise (factor) and tilt (rad) of these sizes."""
         variance = np.where(np.arange(len(self.residual)) < self.measured, noise[:, None] ** 2, 1.0)
         variance = variance + tilt[:, None] ** 2 * self.of_tilt
-        normal = np.einsum("rp,gr,rq->gpq", self.design, 1.0 / variance, self.design, optimize=True)
-        towards = (self.residual / variance) @ self.design
-        explained = np.vecdot(towards, np.linalg.solve(normal, towards[:, :, None])[:, :, 0])
-        remaining = np.sum(self.residual**2 / variance, axis=1) - explained
-        return -0.5 * (np.sum(np.log(variance), axis=1) + np.linalg.slogdet(normal)[1] + remaining)
+        # By the triangle of an orthogonal decomposition: the normal equations are singular where tilts hide a parameter.
+        rows = np.column_stack([self.design, self.residual]) / np.sqrt(variance)[:, :, None]
+        triangle, count = np.linalg.qr(rows, mode="r"), self.design.shape[1]
+        log_pivots = np.log(np.abs(np.diagonal(triangle[:, :count, :count], axis1=1, axis2=2)))
+        remaining = np.sum(triangle[:, count:, count] ** 2, axis=1)
+        return -0.5 * (np.sum(np.log(variance), axis=1) + 2 * np.sum(log_pivots, axis=1) + remaining)
 
 
 class _Posterior(NamedTuple):
