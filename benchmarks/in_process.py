@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from tumblecal.cli.commands import run
+from tumblecal.cli.run import run
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.precision import enable_float64
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
-from tumblecal.thermal.choice import Stated
 from tumblecal.thermal.result import ThermalResult, thermal_calibration
+from tumblecal.thermal.stated import Stated
 
 
 NEW, BASE_SD = 40, np.full(9, 1e-4)

@@ -211,7 +211,7 @@ def figures_where_they_matter(request):
 @pytest.fixture
 def tumblecal(monkeypatch, capsys):
     """The command line as it is installed, called in this process with its arguments."""
-    from tumblecal.cli.commands import run as run_command_line
+    from tumblecal.cli.run import run as run_command_line
 
     monkeypatch.delenv("COLUMNS", raising=False)  # as wide as the test runner's terminal, which is not the user's
 

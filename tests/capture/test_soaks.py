@@ -18,11 +18,10 @@ from hand_fed import HandFed
 from tumblecal.capture.capture_plan import CapturePlan, ChamberTable, SoakTable
 from tumblecal.capture.chamber import soak
 from tumblecal.capture.chamber.chamber import Chamber
-from tumblecal.capture.chamber.soak import Stability
+from tumblecal.capture.chamber.soak import Stability, with_temperatures
 from tumblecal.capture.journal import RunState
 from tumblecal.capture.run.guide import Phase
 from tumblecal.capture.run.screen import header_of, line_of, note_of
-from tumblecal.cli.capture import ChamberOptions
 from tumblecal.ground.errors import InputError
 
 
@@ -72,8 +71,8 @@ def test_the_positions_of_a_plan_over_temperature_and_the_options_that_override_
     with pytest.raises(ValueError, match="temperature_degc"):
         CapturePlan.model_validate({"positions": listed})
     with pytest.raises(InputError, match="requests no temperature"):
-        ChamberOptions(soak_rate=0.1).applied(CapturePlan.model_validate({"positions": angles}))
-    applied = ChamberOptions(chamber="oven", soak_minutes=3.0).applied(plan)
+        with_temperatures(CapturePlan.model_validate({"positions": angles}), soak_rate=0.1)
+    applied = with_temperatures(plan, "oven", soak_minutes=3.0)
     assert applied.chamber.url == "oven" and applied.soak.stable_min == 3.0 and applied.soaks == plan.soaks
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
-from tumblecal.cli import diagnosis_batch
+from tumblecal.cli import diagnosis_workers
 from tumblecal.data import read_positions, write_positions
 from tumblecal.diagnosis import Diagnoser
 
@@ -112,8 +112,8 @@ def test_a_worker_diagnoses_what_the_command_sends_it(one_process, tumblecal, tm
         def shutdown(self, cancel_futures):
             assert cancel_futures
 
-    monkeypatch.setattr(diagnosis_batch, "ProcessPoolExecutor", Pool)
-    monkeypatch.setattr(diagnosis_batch.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(diagnosis_workers, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(diagnosis_workers.signal, "signal", lambda *_: None)
     outcome = tumblecal("diagnose", *files, "--out", tmp_path, "--workers", "2")
     assert outcome.code == 2 and outcome.lines == one_process[0].lines
     one, two = (pl.read_csv(folder / "summary.csv") for folder in (one_process[1], tmp_path))

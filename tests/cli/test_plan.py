@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from tumblecal.capture.capture_plan import read_plan
-from tumblecal.cli.model_options import StatedModel
-from tumblecal.cli.options import ModelOptions
+from tumblecal.cli.model_options import ModelOptions
+from tumblecal.cli.read_model import read_model
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.effects.rig_with_effects import read_rig_with_effects
 from tumblecal.estimation.exact import fit
@@ -54,7 +54,7 @@ def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tum
     rig = read_rig_with_effects(folder / "rig.toml", catalogue())
     assert tomllib.loads((folder / "rig.toml").read_text())["truth"].keys() == {"dbeta"}
     data = simulated(replace(rig, truth={}, ability=None), 0, 0.0)
-    fitted = fit(StatedModel.of(ModelOptions(rig=folder / "rig.toml")).problem(data))
+    fitted = fit(read_model(ModelOptions(rig=folder / "rig.toml")).problem(data))
     for name, stated in record["parameters"].items():
         assert fitted.sd[fitted.names.index(name)] == pytest.approx(stated["u"], rel=1e-6), name
     assert data.time_s == pytest.approx([position["start_s"] + 30.0 for position in record["positions"]])

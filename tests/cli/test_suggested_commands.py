@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from tumblecal.cli.commands import app
-from tumblecal.cli.model_options import StatedModel
 from tumblecal.data import write_positions
 from tumblecal.data.positions import joined_arguments
+from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
 
 

@@ -5,8 +5,8 @@ import pytest
 from position_text import HEADER, ROWS, faults, written
 
 from tumblecal import InputError
-from tumblecal.cli.model_options import StatedModel
-from tumblecal.cli.options import ModelOptions
+from tumblecal.cli.model_options import ModelOptions
+from tumblecal.cli.read_model import read_model
 from tumblecal.data import read_positions
 from tumblecal.data.raw import opened_raw, read_raw
 from tumblecal.recordings.damage import Damage
@@ -93,7 +93,7 @@ def test_a_column_that_is_not_needed_is_ignored_and_a_near_miss_is_warned_of(tum
     options = ["--columns", "alpha_deg=angle"] if own else []
     header = HEADER.replace("alpha_deg", "angle") if own else HEADER
     path = written(tmp_path / "a.csv", f"{header},{name}", *(f"{row},x" for row in ROWS))
-    model = StatedModel.of(ModelOptions(columns=options[1] if own else None))
+    model = read_model(ModelOptions(columns=options[1] if own else None))
     data = read_positions(path, names=model.columns)
     assert data.ignored == (name,) and len(data) == 3
     pl.read_csv(path).write_parquet(tmp_path / "a.parquet")

@@ -40,4 +40,4 @@ def test_drift_terms_are_a_loss_not_a_fault(tumblecal, tmp_path):
     assert "lost: drift, over 0.5 h: up to 0.5 mg\n" in said
     write_calibration(path, own)
     said = tumblecal("export", path, "--to", "csv", "--run-time", "8 h", "--out", tmp_path / "unit.csv").out
-    assert "--run-time 8 h: no effect on the export of this calibration to csv" in said
+    assert "--run-time: no effect on the export of this calibration to csv" in said

@@ -29,7 +29,7 @@ class Case:
 
 def run(line: str) -> int:
     """Exit code of a command line."""
-    from tumblecal.cli.commands import run as run_command_line
+    from tumblecal.cli.run import run as run_command_line
 
     said, before = io.StringIO(), sys.argv
     sys.argv = ["tumblecal", *shlex.split(line)]

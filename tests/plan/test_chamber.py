@@ -9,9 +9,9 @@ import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.cli.model_options import StatedModel
 from tumblecal.effects import catalogue
 from tumblecal.estimation.exact import fit
+from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import Cells, Positions
 from tumblecal.plan.design import design_plan

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.cli.model_options import StatedModel
 from tumblecal.estimation.exact import fit
+from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.planned_rig import planned_rig
 from tumblecal.plan.responses import responses_of

@@ -149,9 +149,9 @@ def test_sizes_are_in_the_unit_of_the_catalogue():
         levels=(TWO_LEVELS,),
     )
     sizes = spread_sizes(several, ENTRIES)
-    assert sizes[SQUARE][SQUARE]["unit"] == "mg/g^2" and sizes[WOBBLE]["w_sin"]["mean"] is None
-    np.testing.assert_allclose([sizes[SQUARE][SQUARE][key] for key in ("mean", "mean_sd")], [0.8, 0.05])
-    np.testing.assert_allclose(sizes[WOBBLE]["w_cos"]["sd_between_units"], 1.3)
+    assert sizes[SQUARE][SQUARE].unit == "mg/g^2" and sizes[WOBBLE]["w_sin"].mean is None
+    np.testing.assert_allclose([sizes[SQUARE][SQUARE].mean, sizes[SQUARE][SQUARE].mean_sd], [0.8, 0.05])
+    np.testing.assert_allclose(sizes[WOBBLE]["w_cos"].sd_between_units, 1.3)
     (levels,) = level_sizes(several, ENTRIES, ROWS)
-    assert [(part["first"], part["last"]) for part in levels["parts"]] == [("u0", "u2"), ("u3", "u5")]
-    np.testing.assert_allclose([part["coefficients"][LEVEL]["value"] for part in levels["parts"]], [0.3, -0.2])
+    assert [(part.first, part.last) for part in levels.parts] == [("u0", "u2"), ("u3", "u5")]
+    np.testing.assert_allclose([part.coefficients[LEVEL].value for part in levels.parts], [0.3, -0.2])

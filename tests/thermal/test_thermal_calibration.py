@@ -10,9 +10,10 @@ from thermal_instrument import Programme, Unit, attitudes, instrument, means, re
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
-from tumblecal.thermal.choice import Stated, chosen_model
+from tumblecal.thermal.choice import chosen_model
 from tumblecal.thermal.held_out import between_recordings
 from tumblecal.thermal.result import thermal_calibration
+from tumblecal.thermal.stated import Stated
 
 
 CYCLE = Programme(-10.0, ((60.0, 1.0), (-10.0, 1.0)))

@@ -11,11 +11,12 @@ from jaxtyping import Float
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.columns import Input, groups_of
 from tumblecal.estimation.programs import compiler_options
+from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import expansion, fit_chain
 
 
-# Trials that are fitted at once.
-_BLOCK = 1000
+# Trials that are fitted at once, and the smallest number of all.
+_BLOCK, _FEWEST = 1000, 100
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,11 @@ def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
 
     Inputs that are equal at all positions act through the exact chain; separate ones for each position by their derivatives.
     The noise is drawn from the covariance of the fit, including correlations between positions.
+
+    **Raises:** `InputError` for too few trials.
     """
+    if trials < _FEWEST:
+        raise InputError(f"--monte-carlo {trials}: at least {_FEWEST} trials")
     problem = replace(budget.fit.problem, chain=budget.fit.chain)
     quick = compiler_options()
     fitted = jax.jit(partial(fit_chain, problem, expansion(problem)), compiler_options=quick)
@@ -45,7 +50,10 @@ def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
     for first in range(0, trials, _BLOCK):
         count = min(_BLOCK, trials - first)
         vectors, added, direct = _drawn(budget, rng, count)
-        fits = fitted(jnp.asarray(np.asarray(readings_at(vectors)) + added + _noise(budget, rng, count)))
+        noise = problem.noise.sample(rng, count).T.reshape(count, *problem.readings.shape)
+        if budget.fit.noise == "estimated":  # an estimated sd with its uncertainty
+            noise *= budget.fit.level * np.sqrt(budget.fit.dof / rng.chisquare(budget.fit.dof, (count, 1, 1)))
+        fits = fitted(jnp.asarray(np.asarray(readings_at(vectors)) + added + noise))
         good = np.asarray(fits.converged)
         errors.append((np.asarray(fits.values) - budget.fit.values + direct)[good])
         failed += int(np.sum(~good))
@@ -85,12 +93,3 @@ def _standard(rng: np.random.Generator, given: Input, size: tuple[int, ...]) -> 
     if np.isfinite(given.stated.freedom):
         drawn = drawn * np.sqrt(given.stated.freedom / rng.chisquare(given.stated.freedom, (size[0], 1)))
     return drawn * spread
-
-
-def _noise(budget: Budget, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Noise of the readings, g; for an estimated sd with its uncertainty."""
-    fit = budget.fit
-    noise = fit.problem.noise.sample(rng, count).T.reshape(count, *fit.problem.readings.shape)
-    if fit.noise == "estimated":
-        noise *= fit.level * np.sqrt(fit.dof / rng.chisquare(fit.dof, (count, 1, 1)))
-    return noise

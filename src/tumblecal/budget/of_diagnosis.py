@@ -13,6 +13,8 @@ import numpy as np
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.columns import BUDGET_INPUTS, Input
 from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.calibration_use import Use
+from tumblecal.data.not_applied import losses_words
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.source_of import digest_of
 from tumblecal.data.uncertainty_parts import UncertaintyParts, uncertainty_parts
@@ -38,21 +40,21 @@ def diagnosis_of(folder: Path, data: PositionSet) -> tuple[Path, Calibration]:
     return path, calibration
 
 
-def of_diagnosis(
-    budget: Budget, path: Path, calibration: Calibration, entries: Catalogue, file: str
-) -> tuple[Budget, list[str]]:
+def with_diagnosis(budget: Budget, folder: Path, entries: Catalogue, file: str) -> tuple[Budget, list[str], Use]:
     """The budget with the covariance of a diagnosis of the same data.
 
     **Arguments:**
 
-    - `path`: of the calibration, `file`: of the inputs, for faults.
+    - `folder`: as of `diagnosis_of`. `file`: of the inputs, for faults.
 
-    **Returns:** the budget, and notes on inputs that the diagnosis already includes as undetected effects.
+    **Returns:** the budget; notes on inputs that the diagnosis already includes as undetected effects, on the losses of its
+    calibration and, last, on the use of this; and that use.
 
     **Raises:** `InputError` for a file that is not from such a diagnosis, and for an input that is an effect of its
     explanation.
     """
-    parts = uncertainty_parts(path, calibration)
+    path, calibration = diagnosis_of(folder, budget.fit.data)
+    parts, use = uncertainty_parts(path, calibration), calibration.use
     names = parts.parameters.names
     if missing := [name for name in names if name not in budget.names]:
         raise InputError(
@@ -74,7 +76,8 @@ def of_diagnosis(
     made = replace(
         budget, fit=fit, shifts=shifts, diagnosis_parts=parts.diagnosis_parts, noise_dof=parts.parameters.dof
     )
-    return made, list(_counted_twice(budget, parts, entries))
+    twice = _counted_twice(budget, parts, entries)
+    return made, [*twice, *losses_words(calibration.not_applied), f"use: {use.words}"], use
 
 
 def ids_of(given: Input) -> set[str]:

@@ -83,9 +83,11 @@ def following(leaf: Parameter, functions: TemperatureFunctions, where: Where) ->
     require_temperature(leaf.name, where)
     if leaf.by == "position":
         raise InputError(f"{leaf.name} has a value for each position, so it cannot follow temperature")
+    # `x1`; `21_1` after a digit.
+    stems = [f"{component}{'_' if component[-1:].isdigit() else ''}" for component in leaf.components]
     change = coefficients(
         leaf.name + CHANGE,
-        [_numbered(component, k) for k in range(1, functions.count + 1) for component in leaf.components],
+        [f"{stem}{k}" for k in range(1, functions.count + 1) for stem in stems],
         unit=leaf.unit,
         scale=leaf.scale,
     )
@@ -126,8 +128,3 @@ def require_temperature(name: str, where: Where) -> None:
 
 def _follows(node: Any) -> bool:
     return isinstance(node, Following)
-
-
-def _numbered(component: str, number: int) -> str:
-    """`x1`; `21_1` after a digit."""
-    return f"{component}{'_' if component[-1:].isdigit() else ''}{number}"

@@ -215,7 +215,9 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
         except InputError as error:
             faults.append(f"{path}: units.{number}: {error}")
     covariance = np.array(table.covariance) * np.outer(scales, scales)
-    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=0.0) or not _positive(covariance):
+    sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    positive = np.all(np.diag(covariance) > 0) and np.min(np.linalg.eigvalsh(covariance / np.outer(sd, sd))) > 0
+    if not positive or not np.allclose(covariance, covariance.T, rtol=1e-6, atol=0.0):
         faults.append(f"{path}: covariance: not symmetric and positive definite")
     else:
         faults += [f"{path}: {fault}" for fault in _sds(table)]
@@ -262,8 +264,3 @@ def _sds(table: HeadTable) -> Iterator[str]:
     for number, (sd, expected) in enumerate(zip(table.sd, made, strict=True)):
         if not abs(sd - expected) <= _ROUNDED * expected:
             yield f"sd.{number}: {sd:g}, but the covariance gives {expected:.4g}; correct the wrong one"
-
-
-def _positive(matrix: np.ndarray) -> bool:
-    sd = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return bool(np.all(np.diag(matrix) > 0) and np.min(np.linalg.eigvalsh(matrix / np.outer(sd, sd))) > 0)

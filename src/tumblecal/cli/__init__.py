@@ -5,7 +5,7 @@
 
 def main() -> None:
     """Run the command line and end the process with its exit code, or by the signal that ended the command."""
-    from tumblecal.cli.interrupts import ALL, end_by, finished, interrupts_kept, leave_when_asked
+    from tumblecal.cli.endings import ALL, end_by, finished, leave_when_asked
 
     leave_when_asked()
     import io
@@ -23,7 +23,8 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files are bytes, not always text
     try:
-        from tumblecal.cli.commands import run
+        from tumblecal.cli.interrupts import interrupts_kept
+        from tumblecal.cli.run import run
 
         interrupts_kept(ALL)  # a worker process handles Ctrl-C only
         code = run()

@@ -3,9 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.cli.command import table_file, warn
 from tumblecal.cli.options import Quiet
 from tumblecal.cli.recording_options import Recording
+from tumblecal.cli.result_files import table_file
+from tumblecal.cli.terminal import warn
 from tumblecal.ground.counted import counted
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import RecordingOptions

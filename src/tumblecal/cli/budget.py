@@ -2,20 +2,16 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-from tumblecal.cli.command import Command, results
-from tumblecal.cli.options import ModelOptions, Seed, options, within
+from tumblecal.cli.command import Command
+from tumblecal.cli.model_options import ModelOptions
+from tumblecal.cli.options import Seed, options, within
+from tumblecal.cli.result_files import results
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import suggested
 
 
-if TYPE_CHECKING:
-    from tumblecal.cli.model_options import StatedModel
-    from tumblecal.estimation.fit import Fit
-
-
-_FEWEST_TRIALS = 100
 _SET = ("budget.json", "budget.svg", "budget.html")
 
 
@@ -37,6 +33,18 @@ class BudgetOptions:
     level: Annotated[float, within(gte=0.5, lt=1)] = 0.95
     monte_carlo: Annotated[int, within(gte=0, lte=1_000_000)] = 0
     seed: Seed = 0
+
+    def planned(self, data: Path, rig: Path | None, diagnosis: Path | None) -> bool:
+        """Whether the budget is that of the plan of a rig, whose file is then the data.
+
+        **Raises:** `InputError` for options that contradict each other.
+        """
+        planned = data.suffix == ".toml"
+        if planned and rig not in (None, data):
+            raise InputError(f"{data}: a rig file; give it without --rig, or give a position file with --rig")
+        if diagnosis is not None and (planned or self.monte_carlo):
+            raise InputError("--diagnosis is for measured data without --monte-carlo; remove one of these")
+        return planned
 
 
 def budget(
@@ -66,80 +74,29 @@ def budget(
     """
     command.begin()
     from tumblecal.budget.budget import budget_of
-    from tumblecal.budget.budget_file import read_considered
-    from tumblecal.budget.of_diagnosis import diagnosis_of, of_diagnosis
-    from tumblecal.cli.model_options import StatedModel
-    from tumblecal.data.not_applied import losses_words
-    from tumblecal.show.budget import budget_text, write_budget
-    from tumblecal.show.calibration import words_of_calibration
+    from tumblecal.budget.budget_file import considered_inputs
+    from tumblecal.budget.monte_carlo import monte_carlo
+    from tumblecal.budget.of_diagnosis import with_diagnosis
+    from tumblecal.budget.planned_fit import planned_fit
+    from tumblecal.cli.positions_read import measured_fit
+    from tumblecal.cli.read_model import read_model
+    from tumblecal.show.budget import budget_lines, write_budget
 
-    planned = _is_planned(data, options, checking, diagnosis)
-    model, notes = StatedModel.of(replace(options, rig=data) if planned else options), list[str]()
-    if considered is None and not (model.rig and model.rig.considered):
-        raise InputError(
-            "no inputs to consider: give a file of inputs after the data, or a rig with [considered.NAME] tables"
-        )
-    inputs = read_considered(considered) if considered else model.rig.considered if model.rig else {}
-    file = str(considered or (model.rig and model.rig.source))
-
+    planned = checking.planned(data, options.rig, diagnosis)
+    model = read_model(replace(options, rig=data) if planned else options)
+    inputs, file = considered_inputs(considered, model.rig)
     with results(out, _SET, [data, considered, diagnosis, *options.files]) as aside:
         with command.working(f"fitting {data}"):
-            calibrated = None if planned else model.calibrated(model.read(data))
-            fit = _planned(model) if calibrated is None else calibrated.exact
-        if calibrated is not None:
-            notes = words_of_calibration(calibrated).lines("warnings")
-        command.say(*notes)
-        command.warn(data, notes)
-        if not fit.code.good:
-            raise InputError(f"{data}: {fit.message}; run: {suggested('diagnose', data)}")
-        made, checked = budget_of(fit, inputs, model.entries, file, level=checking.level), None
-        more = list[str]()
+            fit, notes = (planned_fit(model), []) if planned else measured_fit(command, model, data)
+        made = budget_of(fit, inputs, model.entries, file, level=checking.level)
+        diagnose = f"run {suggested('diagnose', data)} and give its folder to --diagnosis"
+        more = [] if planned else [f"Undetected effects are not included. To include them, {diagnose}"]
         if diagnosis is not None:
-            path, calibration = diagnosis_of(diagnosis, fit.data)
-            made, more = of_diagnosis(made, path, calibration, model.entries, file)
-            more += losses_words(calibration.not_applied)
-            use = [f"use: {calibration.use.words}"]
-            command.warn(diagnosis, more + use * calibration.use.refused)
-            more += use
-        elif not planned:
-            without = "Undetected effects are not included. To include them, run"
-            more = [f"{without} {suggested('diagnose', data)} and give its folder to --diagnosis"]
+            made, more, use = with_diagnosis(made, diagnosis, model.entries, file)
+            command.warn(diagnosis, more if use.refused else more[:-1])
+        with command.working(f"{checking.monte_carlo} trials"):
+            checked = monte_carlo(made, checking.monte_carlo, checking.seed) if checking.monte_carlo else None
         command.say(*more)
-        if checking.monte_carlo:
-            from tumblecal.budget.monte_carlo import monte_carlo
-
-            with command.working(f"{checking.monte_carlo} trials"):
-                checked = monte_carlo(made, checking.monte_carlo, checking.seed)
         write_budget(aside, made, checked, [*notes, *more])
-    command.say(budget_text(made, checked))
+    command.say(*budget_lines(made, checked))
     return command.end(out, _SET, "budget.json")
-
-
-def _is_planned(data: Path, options: ModelOptions, checking: BudgetOptions, diagnosis: Path | None) -> bool:
-    """Whether the budget is that of the plan of a rig, whose file is then the data.
-
-    **Raises:** `InputError` for options that contradict each other, and for too few trials.
-    """
-    planned = data.suffix == ".toml"
-    if 0 < checking.monte_carlo < _FEWEST_TRIALS:
-        raise InputError(f"--monte-carlo {checking.monte_carlo}: at least {_FEWEST_TRIALS} trials")
-    if planned and options.rig not in (None, data):
-        raise InputError(f"{data}: a rig file; give it without --rig, or give a position file with --rig")
-    if diagnosis is not None and (planned or checking.monte_carlo):
-        other = "a plan that is not measured" if planned else "--monte-carlo, which draws noise and inputs only"
-        raise InputError(f"--diagnosis cannot be combined with {other}; remove one of them")
-    return planned
-
-
-def _planned(model: "StatedModel") -> "Fit":
-    """The fit of a plan at the true values of its rig, without measurement errors.
-
-    **Raises:** `InputError` if the noise is not stated.
-    """
-    from tumblecal.estimation import exact
-    from tumblecal.simulation.position_means import simulated
-
-    assert model.rig is not None
-    if model.noise_sd is None:
-        raise InputError(f'{model.rig.source}: noise.sd is missing; add [noise] sd = "0.1 mg" or give --noise-sd')
-    return exact.fit(model.problem(simulated(replace(model.rig, effects=()), 0, noise_sd=1e-12)))

@@ -2,18 +2,11 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from tumblecal.cli.command import Command, add_to_history
-from tumblecal.cli.options import ModelOptions, ResultOptions
-from tumblecal.cli.position_files import JoinOptions, Outcome, PositionFiles
-from tumblecal.ground.errors import InputError
-
-
-if TYPE_CHECKING:
-    from tumblecal.cli.position_files import Read
-
-_SET = ("result.json", "calibration.json", "calibration.html", "residuals.svg", "methods.svg")
+from tumblecal.cli.command import Command
+from tumblecal.cli.model_options import ModelOptions
+from tumblecal.cli.options import ResultOptions
+from tumblecal.cli.position_files import JoinOptions, PositionFiles
 
 
 def calibrate(
@@ -40,43 +33,17 @@ def calibrate(
         A folder with results of diagnose is rejected. Example: --out unit17.
     """
     command.begin()
-    from tumblecal.cli.model_options import StatedModel
+    from tumblecal.cli.calibrated_file import SET, calibrated_file
+    from tumblecal.cli.outcomes import conclude
+    from tumblecal.cli.positions_read import read_each
+    from tumblecal.cli.read_model import read_model
     from tumblecal.data.overwriting import CALIBRATION
     from tumblecal.ground.atomic import output_folders
-    from tumblecal.ground.result_set import result_set
-    from tumblecal.lab.record import write_calibrated
-    from tumblecal.lab.sensor_terms import lacking_of_fit
-    from tumblecal.lab.summary import CALIBRATED, calibration_row
-    from tumblecal.show.calibration import calibration_text, words_of_calibration
+    from tumblecal.lab.summary import CALIBRATED
 
-    files = PositionFiles(command, joining, more, data, out)
-    model, figures = StatedModel.of(options), files.single if more.figures is None else more.figures
-
-    def outcome(file: Path, folder: Path, positions: "Read") -> Outcome:
-        try:
-            if isinstance(positions, InputError):
-                raise positions
-            made = model.calibrated(positions)
-        except InputError as fault:
-            return Outcome(calibration_row(file, fault), fault.faults, f"{file}: refused")
-        words = words_of_calibration(made, folder / "calibration.json")
-        with result_set(folder, _SET) as aside:
-            write_calibrated(aside, made, model.of_head(made.exact.problem))
-            if figures:
-                from tumblecal.show.figures.calibration import FIGURES, overview_figure
-                from tumblecal.show.figures.drawing import write_each
-                from tumblecal.show.page import write_page
-
-                drawn = write_each(aside, FIGURES, made)
-                write_page(aside / "calibration.html", words, {"overview": overview_figure, **drawn}, made.exact)
-        add_to_history(more.history, folder, "calibration", made.exact.data.serial_number)
-        command.warn(made.exact.data.source, words.lines("warnings"))
-        row = calibration_row(file, made)
-        lacking = "".join(f" ({loss})" for loss in lacking_of_fit(made.exact, made.entries, of_sensor=True))
-        text = calibration_text(words, command.columns)
-        return Outcome(row, (), f"{file}: {row['judgement']}{lacking}", partial(command.say, text), made.use.refused)
-
-    read = files.read(model, options, CALIBRATION, _SET)
+    files, model = PositionFiles(command, joining, more, data, out), read_model(options)
+    files.protect(options, CALIBRATION, SET)
+    read = read_each(files, model)
     with output_folders([out]):
-        outcomes = map(outcome, files.files, files.folders, read)
-        return files.conclude(outcomes, CALIBRATED, _SET, "result.json", "calibrating")
+        outcomes = map(partial(calibrated_file, files, model), files.files, files.folders, read)
+        return conclude(files, outcomes, CALIBRATED, SET, "result.json", "calibrating")

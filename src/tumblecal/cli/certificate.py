@@ -3,8 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.cli.command import names_written, results, warn
 from tumblecal.cli.options import Quiet
+from tumblecal.cli.result_files import names_written, results
+from tumblecal.cli.terminal import print_folded, warn
 from tumblecal.ground.errors import InputError
 
 
@@ -47,13 +48,10 @@ def certificate(
     """
     from tumblecal.certificate.admin import item_elsewhere, measured_elsewhen, read_admin, read_limits, require_unit
     from tumblecal.certificate.dcc import dcc_text
-    from tumblecal.certificate.judged import head_covariance
-    from tumblecal.certificate.results import VERDICTS, results_of
-    from tumblecal.data.not_applied import use_lines
-    from tumblecal.data.uncertainty_parts import contribution_words
+    from tumblecal.certificate.results import results_of
     from tumblecal.ground.atomic import write_text
     from tumblecal.ground.option_texts import numbers
-    from tumblecal.show.certificate import write_certificate
+    from tumblecal.show.certificate import words_of_certificate, write_certificate
 
     if folder.is_file():
         raise InputError(f"{folder}: a file; give the output folder of calibrate or diagnose, {folder.parent}")
@@ -70,25 +68,8 @@ def certificate(
     with results(out, _SET, [admin, limits, budget]) as aside:
         write_certificate(aside / "certificate.html", stated, certified, source)
         write_text(aside / "dcc.xml", dcc_text(stated, certified, source))
-    unstated = calibration.gravity is None or calibration.gravity.assumed
-    noise = (
-        f"the budget was {certified.other_noise}; uncertainties and coverage factors are recomputed with those of the "
-        "calibration, and differ from the page of the budget"
+    words = words_of_certificate(certified, admin, elsewhen, stated_degc=temperatures is not None)
+    warn(folder, words.lines("warnings"))
+    print_folded(
+        "\n".join([*words.lines("statements"), f"{words.text('conformity')} {names_written(out, _SET)}".strip()])
     )
-    # To read before the laboratory signs.
-    warnings = [
-        "the gravity of the site is not stated; scale factors and values in m/s^2 depend on it" if unstated else "",
-        f"{elsewhen}; check performance.begin and end in {admin}" if elsewhen else "",
-        noise if certified.other_noise else "",
-        f"the certificate states: {certified.reservation}" if certified.reservation else "",
-    ]
-    warn(folder, filter(None, warnings))
-    if not certified.budgeted:
-        included = contribution_words(calibration, "the measured head" if head_covariance(calibration) else "")
-        print(f"the uncertainties include {included}; run tumblecal budget to add type B contributions")
-    print("\n".join(use_lines(calibration)))
-    if calibration.temperature is not None:
-        default = "" if temperatures else " (the reference; --temperatures states others)"
-        print(f"values at {', '.join(f'{each:g}' for each in certified.temperatures_degc)} degC{default}")
-    judged = f"conformity: {VERDICTS[certified.conformity]}; " if certified.conformity else ""
-    print(judged + names_written(out, _SET))

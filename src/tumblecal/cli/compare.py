@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.cli.command import warn
 from tumblecal.cli.options import Quiet
+from tumblecal.cli.terminal import print_folded, warn
 
 
 if TYPE_CHECKING:
@@ -26,14 +26,15 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     from tumblecal.ground.gravity import STANDARD
     from tumblecal.history.comparison import common_temperature
     from tumblecal.history.comparison import compare as compared
-    from tumblecal.show.comparison import comparison_text
+    from tumblecal.show.comparison import comparison_tables
 
     # The bias of a format in m/s^2 is divided by the gravity of the other file.
     second = read_any(new, (read_any(old).gravity or STANDARD).value_ms2)
     first = read_any(old, (second.gravity or STANDARD).value_ms2)
     degc = common_temperature(first, second)
     (before, before_note), (after, after_note) = _sensor(old, first, degc), _sensor(new, second, degc)
-    print(comparison_text(compared(before, after)))
+    changes, tests = comparison_tables(compared(before, after))
+    print_folded(changes, "", tests)
     serials, digests = {first.serial_number, second.serial_number} - {None, ""}, first.provenance.get("sha256")
     if len(serials) > 1:
         warn(old, [f"is of unit {first.serial_number}, but {new} is of {second.serial_number}"])
@@ -50,8 +51,8 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
         )
         warn(new, [words])
     if degc is not None:
-        print(f"both at {degc:.4g} degC; the dependence on temperature is not compared")
-    print(f"{before_note}\n{after_note}")
+        print_folded(f"both at {degc:.4g} degC; the dependence on temperature is not compared")
+    print_folded(f"{before_note}\n{after_note}")
 
 
 def _sensor(given: str, calibration: "Calibration", degc: float | None) -> "tuple[SensorParameters, str]":

@@ -6,8 +6,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.decoding.samples import Stated
-from tumblecal.cli.command import Command, table_file, warn
+from tumblecal.cli.command import Command
 from tumblecal.cli.options import Quiet
+from tumblecal.cli.result_files import table_file
+from tumblecal.cli.terminal import warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 

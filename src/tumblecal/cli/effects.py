@@ -2,8 +2,8 @@
 
 import textwrap
 
-from tumblecal.cli.command import terminal_width
 from tumblecal.cli.options import EffectFiles
+from tumblecal.cli.terminal import terminal_width
 
 
 # Smallest width of the column of words in a narrow terminal, and the width of a row in a pipe.

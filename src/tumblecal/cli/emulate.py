@@ -52,7 +52,7 @@ def emulate(
     from tumblecal.capture.emulator.instrument import VirtualInstrument
     from tumblecal.capture.emulator.operator import Follower, Typist
     from tumblecal.capture.run.stop_signals import StopSignals
-    from tumblecal.cli.interrupts import end_by
+    from tumblecal.cli.endings import end_by
     from tumblecal.data.overwriting import protect_inputs
 
     for made in (ledger, port, chamber):

@@ -1,22 +1,14 @@
 """`tumblecal export`: a calibration for devices and other programs."""
 
 import sys
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from tumblecal.cli.options import Positive, Quiet
 from tumblecal.ground.errors import InputError
 
-
-if TYPE_CHECKING:
-    from tumblecal.data.calibration import Calibration
-    from tumblecal.devices import Export
-    from tumblecal.devices.target import Target
-    from tumblecal.ground.gravity import Gravity
 
 Format = Literal[
     "c-header", "json", "csv", "matlab", "px4", "ardupilot", "kalibr", "imu_tk", "imucal", "ros", "vectornav"
@@ -69,110 +61,32 @@ def export(
     use_anyway
         Export of a calibration with the judgement `use: no`. Default: an error.
     """
-    from tumblecal import __version__
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import noise_of_reduction, read_checked
-    from tumblecal.devices import TARGETS, Export
+    from tumblecal.devices.exported import exported
     from tumblecal.ground.atomic import writable_file, write_text
     from tumblecal.ground.option_texts import size
 
     if quiet and out is None:
         raise InputError("--quiet prints nothing, so the export would be lost; add --out")
-    target, whole = TARGETS[to], read_checked(calibration)
+    whole = read_checked(calibration)
     whole.use.require(calibration, anyway=use_anyway)
-    one_g = _one_g(calibration, whole, gravity)
     protect_inputs([calibration, noise], out=out)
-    span = _span(whole, temperatures, at)
-    date, serial = whole.provenance.get("date_utc"), whole.serial_number
-    of = f"{f'serial number {serial}, ' if serial else ''}{calibration.name}{f' of {date}' if date else ''}"
-    header, noises = f"tumblecal {__version__}: calibration of {of}", noise_of_reduction(noise) if noise else ()
-    run_s = None if run_time is None else size("--run-time", run_time, "s")
-    bare = Export(target.carried(whole, span, at), one_g.value_ms2, (header,), span, noises, run_s, at, table_step)
-    notes = [*_notes(whole, target, bare)]
-    if gravity is not None and whole.gravity:
-        notes.append(f"one g is {one_g}, as in the calibration")
-    if one_g.assumed and to not in ("c-header", "csv"):
-        notes.append(f"one g is {one_g}: {'calibrate again' if whole.gravity else 'state it'} with --gravity")
-    text = target.write(replace(bare, header=(header, target.words, *notes)))
+    text, words, notes = exported(
+        whole,
+        calibration,
+        to,
+        gravity=gravity,
+        temperatures=temperatures,
+        at_degc=at,
+        table_step_degc=table_step,
+        noise=noise_of_reduction(noise) if noise else (),
+        run_s=None if run_time is None else size("--run-time", run_time, "s"),
+    )
     if out is None:
         print(text, end="")
     else:
         writable_file(out)
         write_text(out, text)
-        print(f"{out}: {target.words}")
-    # The content without an option is written to see whether the option has an effect.
-    without = {
-        "gravity": (gravity, replace(bare, gravity_ms2=one_g.value_ms2 * 1.001)),
-        "temperatures": (temperatures, replace(bare, temperatures_degc=None)),
-        "noise": (noise, replace(bare, noise=())),
-        "table-step": (table_step, replace(bare, table_step_degc=None)),
-        "run-time": (run_time, bare if not any(term.per_hour for term in whole.terms) else None),
-        "at": (at, None if "temperature_degc" in whole.columns_needed else bare),
-    }
-    for name, (value, other) in without.items():
-        if value is not None and other is not None and target.write(other) == target.write(bare):
-            notes.append(f"--{name} {value}: no effect on the export of this calibration to {to}")
+        print(f"{out}: {words}")
     print("\n".join(notes), file=sys.stderr if out is None else sys.stdout)
-
-
-def _notes(whole: "Calibration", target: "Target", bare: "Export") -> Iterator[str]:
-    """Losses of the format, use of the calibration, and limits of both."""
-    from tumblecal.data.calibration_terms import undetermined_words
-    from tumblecal.data.not_applied import use_lines
-    from tumblecal.data.sensor_parameters import SENSOR
-    from tumblecal.devices import losses
-
-    lost = [f"lost: {loss}" for loss in losses(target, bare, whole, target.write(bare))]
-    yield from lost or ["nothing of this calibration is lost"]
-    yield from filter(None, [undetermined_words(whole.terms), *use_lines(whole)])
-    span, measured = bare.temperatures_degc, _measured(whole)
-    if span and measured and (span[0] < measured[0] or span[1] > measured[1]):
-        yield (
-            f"the data cover {measured[0]:.4g} to {measured[1]:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the "
-            "dependence on temperature is extrapolated"
-        )
-    yield from filter(None, target.notes)
-    if undetermined := whole.sensor.of(SENSOR).undetermined_words:
-        yield f"the data did not determine {undetermined}"
-
-
-def _measured(whole: "Calibration") -> tuple[float, float] | None:
-    """The range of temperature (degC) of the data of curves or thermal terms; None without them, or if it is not stated."""
-    if whole.temperature is not None:
-        return whole.temperature.range_degc
-    low, high = whole.provenance.get("temperature_range_degc") or (0.0, 0.0)
-    return (low, high) if low < high and any(term.thermal for term in whole.terms) else None
-
-
-def _one_g(path: Path, whole: "Calibration", gravity: str | None) -> "Gravity":
-    """One g of a calibration: that of the calibration, then of `--gravity`, then standard gravity.
-
-    **Raises:** `InputError` if the option contradicts the calibration, because it would change the bias in m/s^2.
-    """
-    from tumblecal.ground.gravity import SAME_MS2, STANDARD, gravity_of_option
-
-    stated, calibrated = None if gravity is None else gravity_of_option(gravity), whole.gravity
-    if stated and calibrated and abs(stated.value_ms2 - calibrated.value_ms2) > SAME_MS2:
-        cure = "calibrate again with --gravity" if calibrated.assumed else "remove this option"
-        raise InputError(
-            f"--gravity {gravity}: one g of {path} is {calibrated} at every site, and its bias in m/s^2 depends on that; {cure}"
-        )
-    return calibrated or stated or STANDARD
-
-
-def _span(whole: "Calibration", temperatures: str | None, at: float | None) -> tuple[float, float] | None:
-    """The range of `--temperatures`, degC, otherwise that of the data.
-
-    **Raises:** `InputError` for a text that is not a range, and if `--at` is outside.
-    """
-    from tumblecal.ground.option_texts import numbers
-
-    span = _measured(whole)
-    if temperatures is not None:
-        low, *high = numbers("--temperatures", temperatures, "0:60", ":")
-        if len(high) != 1 or not -100 <= low < high[0] <= 200:
-            raise InputError(f"--temperatures {temperatures}: write LOW:HIGH in degC, such as 0:60")
-        span = low, high[0]
-    if at is not None and span is not None and not span[0] <= at <= span[1]:
-        raise InputError(f"--at {at:g}: outside the range of {span[0]:.4g} to {span[1]:.4g} degC; widen --temperatures")
-    return span

@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
-from tumblecal.cli.command import Command, table_file, warn
+from tumblecal.cli.command import Command
 from tumblecal.cli.recording_options import Recording
+from tumblecal.cli.result_files import table_file
+from tumblecal.cli.terminal import warn
 from tumblecal.ground.counted import counted
 from tumblecal.recordings.options import RecordingOptions
 

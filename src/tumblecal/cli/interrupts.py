@@ -4,21 +4,18 @@ Before and after a command no work is incomplete, so the process exits at once. 
 `KeyboardInterrupt`, so that incomplete work is undone; during an import, which it could break, it is raised a moment later.
 """
 
-# The compiled part of `signal`, and no `contextlib`: the handlers must be installed as early as possible.
+# The compiled part of `signal`: see `endings`.
 import _signal as signal  # pyright: ignore[reportMissingImports]
-import os
 import sys
 import time
+
+from tumblecal.cli.endings import handled_by, leave
 
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from types import FrameType
 
-# Last words of an interrupted command.
-NOTHING_HALF_WRITTEN = "no file was left half-written"
-_WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
-ALL = tuple(_WORDS)
 _IMPORTING = "<frozen importlib._bootstrap>"
 # Delay before a signal is raised again, s.
 _AGAIN_S = 0.02
@@ -28,17 +25,12 @@ _PATIENCE_S = 1.0
 _asked, _asked_at = 0, 0.0
 
 
-def leave_when_asked() -> None:
-    """From now on a signal ends the process at once, with one line."""
-    _handled_by(_leave, ALL)
-
-
 def interrupts_kept(numbers: tuple[int, ...] = (signal.SIGINT,)) -> None:
     """From now on these signals are recorded, raised as `KeyboardInterrupt`, and cannot be lost in a callback.
 
     An exception in a callback of the garbage collector or of a weak reference is printed by Python, but not raised.
     """
-    _handled_by(_interrupt, numbers)
+    handled_by(_interrupt, numbers)
     if sys.unraisablehook is sys.__unraisablehook__:
         sys.unraisablehook = _asked_again
 
@@ -48,55 +40,6 @@ def interrupted_by() -> int:
     return _asked
 
 
-def line_of(number: int, words: str = NOTHING_HALF_WRITTEN) -> str:
-    """The last line of an interrupted command."""
-    return f"tumblecal: {_WORDS.get(number, 'interrupted')}; {words}"
-
-
-def end_by(number: int) -> None:
-    """End this process by a signal after a clean exit, so that the caller sees the signal; after Ctrl-C just return."""
-    if number != signal.SIGINT:
-        _printed()
-        signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)
-
-
-def finished() -> None:
-    """Ignore signals after all output is written: Python removes its handlers before it exits."""
-    _printed()
-    _handled_by(signal.SIG_IGN, ALL)
-
-
-def _printed() -> None:
-    for stream in (sys.stdout, sys.stderr):
-        try:  # noqa: SIM105
-            stream.flush()
-        except (OSError, ValueError):
-            pass
-
-
-def _handled_by(handler, numbers: tuple[int, ...]) -> None:
-    """Install a handler for signals that the caller does not ignore (`nohup`) or handle."""
-    before = (signal.SIG_DFL, signal.default_int_handler, _leave, _interrupt)
-    for number in numbers:
-        if signal.getsignal(number) in before:
-            try:
-                signal.signal(number, handler)
-            except ValueError:  # not the main thread, which alone receives signals
-                return
-
-
-def _leave(number: int, frame: "FrameType | None") -> None:
-    try:  # noqa: SIM105
-        os.write(2, f"{line_of(number)}\n".encode())
-    except OSError:
-        pass
-    if number != signal.SIGINT:
-        signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)
-    os._exit(128 + number)
-
-
 def _interrupt(number: int, frame: "FrameType | None") -> None:
     global _asked, _asked_at
     if not _asked:
@@ -104,7 +47,7 @@ def _interrupt(number: int, frame: "FrameType | None") -> None:
     elif number != signal.SIGALRM:
         # Incomplete work is being undone.
         if time.monotonic() > _asked_at + _PATIENCE_S:
-            _leave(number, frame)
+            leave(number, frame)
         return
     if _within_import(frame):
         _again()

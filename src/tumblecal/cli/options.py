@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar, dataclass_transform
+from typing import Annotated, TypeVar, dataclass_transform
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -61,45 +61,6 @@ EffectFiles = Annotated[
 
 
 @options
-class ModelOptions:
-    """The model that is fitted.
-
-    Parameters
-    ----------
-    fix
-        Parameter fixed at its nominal value. Repeatable. Example: --fix dbeta.
-    head
-        Measured errors of the dividing head: head.toml of tumblecal diagnose --units. Their covariance is used; if the noise is
-        unknown, they are treated as exact. Example: --head units/head.toml.
-    gravity
-        Gravity at the bench: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres). Readings in
-        m/s^2 are divided by it, and it is stored with the results. Default: the value in the files. Example: --gravity 9.8123.
-    columns
-        Names of the columns in the files, as NAME=COLUMN. Unknown columns that are not listed are then ignored. Default: the
-        standard names. Example: --columns alpha_deg=angle,ax_g=AccX,ay_g=AccY,az_g=AccZ.
-    attitudes
-        How the attitudes were set: by a head at the angles of the file, by hand near these angles (each position has a tilt,
-        dbeta is fixed), or unknown. Default: the comment `# attitudes:` of the file, then head with --rig or --head; otherwise
-        tilts are used if the data show them. Example: --attitudes hand.
-    """
-
-    rig: RigFile = None
-    noise_sd: NoiseSd = None
-    prior: Priors = ()
-    fix: Texts = ()
-    head: Path | None = None
-    gravity: str | None = None
-    columns: str | None = None
-    effects: EffectFiles = ()
-    attitudes: Literal["head", "hand", "unknown"] | None = None
-
-    @property
-    def files(self) -> tuple[Path | None, ...]:
-        """The files that the options name."""
-        return (self.rig, self.head, *self.effects)
-
-
-@options
 class ResultOptions:
     """Results in addition to the files of the output folder.
 
@@ -115,23 +76,12 @@ class ResultOptions:
     figures: Annotated[bool | None, Parameter(negative="--no-figures")] = None
     history: Path | None = None
 
+    def require_history(self) -> None:
+        """Check, before the work begins, that results can be added to the history, if one is given.
 
-@options
-class NextPositions:
-    """Angles and mountings allowed for the proposed positions.
+        **Raises:** `InputError`.
+        """
+        if self.history is not None:
+            from tumblecal.history.database import ready
 
-    Parameters
-    ----------
-    allow_alpha
-        Spindle angles (deg) allowed for the proposed positions: a number, numbers separated by commas, or START:END:STEP.
-        Repeatable. Default: every 15 deg. Example: --allow-alpha 0:360:45.
-    allow_beta
-        Pitch angles (deg) allowed for the proposed positions: a number, numbers separated by commas, or START:END:STEP.
-        Repeatable. Default: every 15 deg within those of the data. Example: --allow-beta 0,30.
-    allow_mount
-        Remounting of the triad in its fixture for the proposed positions: turns (allowed) or none. Example: --allow-mount none.
-    """
-
-    allow_alpha: Texts = ()
-    allow_beta: Texts = ()
-    allow_mount: Literal["none", "turns"] = "turns"
+            ready(self.history)

@@ -1,21 +1,13 @@
 """`tumblecal plan`: the design of a measurement before it begins."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from tumblecal.cli.command import Command, results
+from tumblecal.cli.command import Command
 from tumblecal.cli.options import Count, Files, Positive, Seed, Texts, options
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.option_texts import angles, numbers, pairs, sizes
-
-
-if TYPE_CHECKING:
-    from tumblecal.chain.rig import Rig
-    from tumblecal.effects.catalogue import Catalogue
-    from tumblecal.plan.request import Wanted
+from tumblecal.cli.result_files import results
 
 
 @options
@@ -108,84 +100,20 @@ def plan(
     from tumblecal.ground.examples import file_or_example
     from tumblecal.ground.strict_toml import read_toml
     from tumblecal.plan.design import design_plan
-    from tumblecal.plan.plan_files import RIG, earlier_files, write_plan
-    from tumblecal.show.figures.plan import FIGURES
-    from tumblecal.show.page import write_page
-    from tumblecal.show.plan import plan_lines, print_plan, words_of_plan
+    from tumblecal.plan.plan_files import RIG, earlier_files
+    from tumblecal.plan.stated import allowed_rig, wanted_plan
+    from tumblecal.show.plan import print_plan, words_of_plan, write_plan
 
     files = [Path(text) for text in options.effects if "=" not in text]
-    entries, earlier = catalogue(*files), earlier_files(out)
-    head = _allowed(read_rig_with_effects(rig, entries), options)
-    wanted = _wanted(head, options, entries)
-    inputs = [rig, options.augment, *options.compare, *files]
-    with results(out, (*earlier, RIG), inputs) as aside:
+    entries, earlier, stated = catalogue(*files), earlier_files(out), vars(options).copy()
+    settings = [stated.pop(name) for name in ("allow_alpha", "allow_beta", "allow_mount")]
+    head = allowed_rig(read_rig_with_effects(rig, entries), *settings)
+    wanted = wanted_plan(head, entries, **stated)
+    with results(out, (*earlier, RIG), [rig, options.augment, *options.compare, *files]) as aside:
         with command.working("designing"):
             designed = design_plan(head, wanted, entries)
         words = words_of_plan(designed, out)
-        texts = list(plan_lines(words)), words.pairs("assumptions")[1:]
-        names = write_plan(aside, designed, read_toml(file_or_example(rig)), *texts)
-        names += write_page(aside / "plan.html", words, FIGURES, designed)
+        names = write_plan(aside, designed, read_toml(file_or_example(rig)), words)
     if command.words:
         print_plan(words)
     command.end(out, names, "plan.json")
-
-
-def _allowed(rig: "Rig", options: PlanOptions) -> "Rig":
-    """The rig with the settings of the options in place of those of its head.
-
-    **Raises:** `InputError` for a mounting that the rig does not have.
-    """
-    from tumblecal.chain.head_ability import HeadAbilityTable
-    from tumblecal.plan.positions_of_file import require_mounts
-
-    there = rig.plan
-    ability = rig.ability or HeadAbilityTable.model_validate({}).ability(
-        tuple(sorted({*there.beta_deg})), tuple(dict.fromkeys(there.mounts))
-    )
-    mounts = tuple(label.strip() for label in options.allow_mount.split(",") if label.strip())
-    require_mounts(rig, mounts or ability.mounts, f"{rig.source}: {'--allow-mount' if mounts else 'head.mounts'}")
-    alpha, beta = angles("--allow-alpha", options.allow_alpha), angles("--allow-beta", options.allow_beta)
-    if steep := [angle for angle in beta if abs(angle) > 90]:
-        raise InputError(f"--allow-beta: {steep[0]:g} deg; pitch settings are from -90 to 90 deg")
-    stated = {"alpha_deg": alpha, "beta_deg": beta, "mounts": mounts}
-    given = {name: value for name, value in stated.items() if value}
-    assumed = tuple(key for key in ability.assumed if key not in given)
-    return replace(rig, ability=replace(ability, **given, assumed=assumed))
-
-
-def _wanted(rig: "Rig", options: PlanOptions, entries: "Catalogue") -> "Wanted":
-    """The options as a request.
-
-    **Raises:** `InputError` for an option that cannot be read, and options that contradict each other.
-    """
-    from tumblecal.effects.catalogue import entry
-    from tumblecal.plan.positions_of_file import positions_of
-    from tumblecal.plan.request import CRITERIA, Wanted
-
-    stated = [part if "=" in part else f"{part}=1" for part in options.criterion.split(",")]
-    given = pairs("--criterion", stated, "worst=1,in_use=2", CRITERIA)
-    weights = {name: numbers(f"--criterion {name}", text, "worst=1")[0] for name, text in given.items()}
-    if wrong := [name for name, weight in weights.items() if weight <= 0]:
-        raise InputError(f"--criterion {wrong[0]}: a weight must be above 0; remove a criterion that does not count")
-    of_effects = [text for text in options.effects if "=" in text]
-    effects = sizes("--effects ", of_effects, lambda id: entry(entries, id).unit, "'second_order.z=0.2 mg/g^2'")
-    if not effects and {"naming", "alias"} & {*weights}:
-        raise InputError("--criterion: no effect is stated; add for example --effects 'second_order.z=0.2 mg/g^2'")
-    if options.parameters and not {"worst", "mean", "volume"} & {*weights}:
-        raise InputError(
-            f"--parameters and --criterion {options.criterion} contradict each other: this criterion does not depend on a "
-            "choice of parameters; remove --parameters, or add for example worst"
-        )
-    return Wanted(
-        positions=options.positions,
-        minutes=options.minutes,
-        criteria=weights,
-        parameters=tuple(name.strip() for name in options.parameters.split(",") if name.strip()),
-        effects=effects,
-        order=options.order,
-        restarts=options.restarts,
-        seed=options.seed,
-        measured=None if options.augment is None else positions_of(options.augment, rig),
-        compared=tuple(positions_of(path, rig) for path in options.compare),
-        forecast=options.forecast,
-    )

@@ -5,17 +5,16 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.command import Command, names_written, results, warn
+from tumblecal.cli.command import Command
 from tumblecal.cli.options import Quiet
-from tumblecal.cli.recording_options import Context, Recording, Rest
+from tumblecal.cli.recording_options import Context, Recording, Rest, print_reduction
+from tumblecal.cli.result_files import names_written, results
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
-# With fewer attitudes a bias may change the median size of the readings.
-_FEWEST_SIZES = 6
 _FIGURE = "intervals.svg"
 _SET = ("positions.csv", "positions.parquet", "reduction.json", _FIGURE)
 
@@ -51,18 +50,13 @@ def reduce(
     figures
         Figure intervals.svg of the still intervals. Example: --no-figures.
     """
-    from rich.console import Console
-
     from tumblecal.capture.journal import JOURNAL_NAME
-    from tumblecal.data.gravity_size import moving_fault, size_fault
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.recordings.dwells.rest import NothingStill
     from tumblecal.recordings.reduce import reduced
     from tumblecal.recordings.reduction import write_reduction
     from tumblecal.show.figures.drawing import write_each
     from tumblecal.show.figures.interval import FIGURES
-    from tumblecal.show.narrow import print_table
-    from tumblecal.show.recordings import left_out_lines, mean_table, noise_lines, reduction_lines, unusual_lines
 
     command, files = Command(quiet), recording_files(sources, [context.table, context.plan])
     captured = (files[0] / JOURNAL_NAME).is_file()
@@ -82,18 +76,8 @@ def reduce(
                     shown = f"; {folder / _FIGURE} shows it"
         with guessed(getattr(nothing, "__notes__", ())):
             raise InputError(f"{nothing}{shown}") from nothing
-    data, dwells = found.data, found.dwells
-    for name, lines in dwells.warnings:
-        warn(name, lines)
-    command.say(*reduction_lines(dwells))
-    for recording in dwells.read:
-        (warn if found.noise is None else command.warn)(recording.path, left_out_lines(recording))
-    if command.words and found.noise is not None:
-        print_table(Console(), mean_table(found))
-        command.say(*unusual_lines(found), *noise_lines(found))
-    command.warn(data.source, unusual_lines(found))
-    if len(data) >= _FEWEST_SIZES:
-        warn(data.source, filter(None, [size_fault(data.readings), moving_fault(data)]))
+    print_reduction(command, found)
+    data = found.data
     known = f", {'attitudes unknown' if data.hand_held else 'angles known'}; standard uncertainties unknown"
-    samples = known if found.noise is None else f" of {sum(map(len, dwells.force))} samples"
+    samples = known if found.noise is None else f" of {sum(map(len, found.dwells.force))} samples"
     command.say(f"{names_written(folder, _SET)}; {counted(len(data), 'position')}{samples}")

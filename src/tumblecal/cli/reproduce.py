@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
-from tumblecal.cli.command import Command, results
+from tumblecal.cli.command import Command
 from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
 from tumblecal.cli.options import Seed
+from tumblecal.cli.result_files import results
+from tumblecal.cli.terminal import columns
 
 
 _DIAGNOSIS = "diagnosis"
@@ -26,8 +28,6 @@ def reproduce(*, out: Path = Path("study"), seed: Seed = 0) -> None:
     """
     command = Command()
     command.begin()
-    from rich.console import Console
-
     from tumblecal.data import paper
     from tumblecal.diagnosis import Diagnoser
     from tumblecal.estimation import problem_of
@@ -35,13 +35,10 @@ def reproduce(*, out: Path = Path("study"), seed: Seed = 0) -> None:
     from tumblecal.planning import next_plan
     from tumblecal.show.calibration import calibration_text, words_of_calibration
     from tumblecal.show.diagnosis import verdict_of_diagnosis, write_diagnosis
-    from tumblecal.show.narrow import print_words
     from tumblecal.show.paper import write_paper_study
-    from tumblecal.show.verdict import WIDTH, verdict_lines
     from tumblecal.studies.paper_audit import audit
     from tumblecal.studies.paper_study import paper_study
 
-    console = Console()
     with results(out, _SET) as aside:
         with command.working("simulating and estimating 600 data sets"):
             study = paper_study(seed)
@@ -55,8 +52,7 @@ def reproduce(*, out: Path = Path("study"), seed: Seed = 0) -> None:
             words = write_paper_study(aside, study, audited, table1, diagnosis, plan)
             verdict = verdict_of_diagnosis(diagnosis, plan, out / _DIAGNOSIS)
             write_diagnosis(aside / _DIAGNOSIS, diagnosis, plan, figures=True, verdict=verdict)
-    print_words(console, calibration_text(words_of_calibration(table1), min(WIDTH, console.width)))
-    found = verdict_lines(verdict, min(WIDTH, console.width))
-    for text in ("\nFindings", *(f"\n{text}" for text in words), "\nDiagnosis of Table 1", *found):
-        print_words(console, text)
-    print(f"\nwritten: {out}/page.html (open it), study.json, findings.txt, diagnosis/, 7 figures")
+    command.say(calibration_text(words_of_calibration(table1), columns()), "\nFindings")
+    command.say(*(f"\n{text}" for text in words), "\nDiagnosis of Table 1")
+    command.print_verdict(verdict)
+    command.say(f"\nwritten: {out}/page.html (open it), study.json, findings.txt, diagnosis/, 7 figures")

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.cli.command import table_file
 from tumblecal.cli.options import EffectFiles, Quiet, Seed
+from tumblecal.cli.result_files import table_file
 from tumblecal.ground.errors import one_line
 
 

@@ -1,21 +1,16 @@
 """`tumblecal thermal`: calibration over temperature from recordings."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from tumblecal.cli.command import Command, results
+from tumblecal.cli.command import Command
 from tumblecal.cli.options import NoiseSd, Positive, Texts, options
-from tumblecal.cli.recording_options import Context, Recording, Rest
-from tumblecal.ground.errors import InputError
+from tumblecal.cli.recording_options import Context, Recording, Rest, print_recordings
+from tumblecal.cli.result_files import results
+from tumblecal.ground.option_texts import sd_of_reading
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
-if TYPE_CHECKING:
-    from tumblecal.thermal.choice import Stated
-
 _SET = ("calibration.json", "thermal.json", "bins.csv", "parameters.csv", "thermal.html")
-# Names of leaves in options, and in the model.
-_LEAVES = {"bias": "bias", "scale": "dK", "orthogonality": "gamma", "mount": "dtheta"}
 
 
 @options
@@ -50,32 +45,6 @@ class TemperatureOptions:
     same_attitude: bool = False
     calibration: Path | None = None
 
-    def stated(self) -> "Stated":
-        """What the options state.
-
-        **Raises:** `InputError` for an option that cannot be read.
-        """
-        from tumblecal.data.calibration import read_calibration
-        from tumblecal.ground.option_texts import numbers, pairs
-        from tumblecal.ground.temperature_functions import HIGHEST_ORDER
-        from tumblecal.thermal.choice import Stated
-
-        orders = pairs("--order", self.order, "bias=3,scale=1", _LEAVES)
-        knots = pairs("--knots", self.knots, "bias=0,20,40", _LEAVES)
-        if both := [leaf for leaf in knots if leaf in orders]:
-            raise InputError(f"--order and --knots both state {both[0]}; give one of them")
-        if wrong := {*orders.values()} - {*map(str, range(HIGHEST_ORDER + 1))}:
-            raise InputError(f"--order {self.order}: {min(wrong)!r} is not an order from 0 to {HIGHEST_ORDER}")
-        base = None if self.calibration is None else read_calibration(self.calibration)
-        if base is not None and self.calibration is not None:
-            base.use.require(self.calibration, anyway=False)
-        return Stated(
-            {_LEAVES[leaf]: int(order) for leaf, order in orders.items()},
-            {_LEAVES[leaf]: numbers(f"--knots {leaf}", text, "0,20,40") for leaf, text in knots.items()},
-            self.reference,
-            base,
-        )
-
 
 def thermal(
     recordings: list[Path],
@@ -104,40 +73,27 @@ def thermal(
         Output folder: calibration.json, thermal.html, thermal.json, bins.csv, parameters.csv. Example: --out unit17.
     """
     command.begin()
-    from rich.console import Console
-
-    from tumblecal.ground.option_texts import sd_of_reading
     from tumblecal.recordings.dwells.file_names import recording_files
     from tumblecal.recordings.thermal.read_thermal import thermal_reading
-    from tumblecal.show.figures.thermal import FIGURES
-    from tumblecal.show.narrow import print_table
-    from tumblecal.show.page import write_page
     from tumblecal.show.recordings import grouped_lines
-    from tumblecal.show.thermal import temperature_table, words_of_thermal
-    from tumblecal.show.verdict import verdict_lines
-    from tumblecal.thermal.record import write_thermal
+    from tumblecal.show.thermal import print_thermal, words_of_thermal, write_thermal
     from tumblecal.thermal.result import thermal_calibration
+    from tumblecal.thermal.stated import read_stated
 
-    stated, sd = temperature.stated(), sd_of_reading("--noise-sd", noise_sd)
+    stated = read_stated(temperature.order, temperature.knots, temperature.reference, temperature.calibration)
+    bins = {"bin_degc": temperature.bin_width, "same_attitude": temperature.same_attitude}
+    sd = sd_of_reading("--noise-sd", noise_sd)
     files = recording_files(recordings, [context.table, context.plan])
     with results(out, _SET, [*files, context.plan, context.table, temperature.calibration]) as aside:
         with command.working("reading"):
-            width, same = temperature.bin_width, temperature.same_attitude
-            reading = thermal_reading(
-                files, context, options, criterion, bin_degc=width, same_attitude=same, noise_sd=sd
-            )
-        command.print_recordings(
-            reading.read, reading.warnings, grouped_lines(line.partition(": ")[::2] for line in reading.lines)
-        )
+            reading = thermal_reading(files, context, options, criterion, noise_sd=sd, **bins)
+        lines = grouped_lines(line.partition(": ")[::2] for line in reading.lines)
+        print_recordings(command, reading.read, reading.warnings, lines)
         with command.working("fitting"):
             result = thermal_calibration(reading.table, stated)
         words = words_of_thermal(result, out)
-        write_thermal(aside, result, words.verdict.words().splitlines())
-        tables = {} if result.curves is None else {"temperature": temperature_table(result)}
-        write_page(aside / "thermal.html", words, FIGURES, result, tables=tables)
-    command.say("", *verdict_lines(words.verdict, command.columns))
-    for name in ("reference", "coefficients") if command.words else ():
-        if table := words.table(name):
-            print()
-            print_table(Console(), table)
+        write_thermal(aside, result, words)
+    command.print_verdict(words.verdict)
+    if command.words:
+        print_thermal(words)
     return command.end(out, _SET, "thermal.json", result.calibration.use, reading.table.source)

@@ -150,3 +150,9 @@ def _sd_of_sizes(readings: Float[np.ndarray, "positions 3"]) -> float:
     # The size about the centre has the square (a'Ma + v'a + c) / (1 + c).
     whole = 1.0 + found[6:] @ np.linalg.pinv(square) @ found[6:] / 4
     return float(1.4826 * np.median(np.abs(terms @ found - 1.0)) / abs(2 * whole))
+
+
+def gravity_warnings(data: "PositionSet") -> list[str]:
+    """The faults of the size of gravity. With few attitudes a bias may change the median size, so there are none."""
+    faults = (size_fault(data.readings), moving_fault(data)) if len(data) >= _FEWEST_OF_SPHERE else ()
+    return [fault for fault in faults if fault]

@@ -79,7 +79,8 @@ def _is_mixed(cell: str) -> bool:
 def word_forms(lines: Sequence[str]) -> dict[str, LineForm]:
     """The forms of lines with words around their numbers, by their first label; none if most lines have no common form."""
     pointed, digits = _with_points(lines)
-    texts = [_texts(line) for line in pointed]
+    # The texts around the numbers of each line, with single blanks.
+    texts = [tuple(re.sub(r"\s+", " ", text).strip() for text in _CELL.split(line)) for line in pointed]
     least = max(1, _LEAST_SHARE * len(lines))
     kinds = [key for key, count in Counter(texts).most_common(_MOST_KINDS) if count > least and key[1:]]
     patterns = {key: _pattern(key, digits) for key in kinds}
@@ -109,11 +110,6 @@ def _with_points(lines: Sequence[str]) -> tuple[Sequence[str], bytes]:
     if not pairs or pairs < text.count(",") or re.search(r"\d\.\d|\d,\d+,\d", text):
         return lines, rb"[-+.\deE]+"
     return re.sub(r"(?<=\d),(?=\d)", ".", text).split("\n"), rb"[-+,\deE]+"
-
-
-def _texts(line: str) -> tuple[str, ...]:
-    """The texts around the numbers of a line, with single blanks."""
-    return tuple(re.sub(r"\s+", " ", text).strip() for text in _CELL.split(line))
 
 
 def _pattern(texts: Sequence[str], digits: bytes) -> re.Pattern[bytes]:

@@ -44,7 +44,7 @@ def named_layout(path: Path) -> tuple[TextLayout, list[tuple[int, str]]]:
         if len(beginning) < _BEGINNING or "#" in text:
             lines = list(enumerate(text.removesuffix("\n").split("\n"), before + 1))
             comments += [(k, text) for k, line in lines if (text := comment_in(line)) is not None]
-            rows = (numbered for numbered in lines if not _is_skipped(numbered[1]))
+            rows = ((k, line) for k, line in lines if not is_blank(line) and comment_in(line) is None)
             beginning.extend(islice(rows, _BEGINNING - len(beginning)))
     if not beginning and not comments:
         raise InputError(f"{path}: the file is empty")
@@ -59,10 +59,6 @@ def named_layout(path: Path) -> tuple[TextLayout, list[tuple[int, str]]]:
             "rows, so it may be truncated; complete the row and its line end, or remove it"
         )
     return layout, comments
-
-
-def _is_skipped(line: str) -> bool:
-    return is_blank(line) or comment_in(line) is not None
 
 
 def layout_of_lines(path: Path, beginning: Lines, comments: Lines = ()) -> TextLayout:

@@ -139,9 +139,9 @@ def parquet_pieces(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"
         yield piece
 
 
-def pieces_in_order(table: "pl.LazyFrame", rows: int = PARQUET_ROWS) -> Iterator["pl.DataFrame"]:
-    """The rows of a table that is not read yet, in order, in pieces of about `rows`; an empty table gives one empty piece."""
-    batches = table.collect_batches(chunk_size=rows, lazy=True)
+def pieces_in_order(table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
+    """The rows of a table that is not read yet, in order, in pieces of about `PARQUET_ROWS`; one empty piece if it is empty."""
+    batches = table.collect_batches(chunk_size=PARQUET_ROWS, lazy=True)
     first = next(batches, None)
     yield table.head(0).collect() if first is None else first
     yield from batches

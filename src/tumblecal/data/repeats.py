@@ -191,3 +191,17 @@ def _averaged(data: PositionSet, groups: list[np.ndarray], noise_sd: float | Non
         comments=data.comments,
         source=data.source,
     )
+
+
+def unfinished(data: PositionSet, error: Exception) -> InputError:
+    """The fault of positions whose evaluation ended with an error of the computation: too little memory, or singular
+    equations."""
+    if isinstance(error, MemoryError):
+        return InputError(
+            f"{data.source}: not enough memory for {len(data)} positions ({cost(len(data))}); average repeats, or diagnose "
+            "parts of the file separately"
+        )
+    return InputError(
+        f"{data.source}: the model cannot be fitted to these readings (singular equations); check angles, axes and units "
+        "against the measurement log"
+    )

@@ -51,7 +51,10 @@ class StatedTemperature(Record):
     @model_validator(mode="after")
     def _valid(self) -> "StatedTemperature":
         self.curves_of_temperature()
-        if np.min(np.linalg.eigvalsh(_correlations(self.covariance))) < -_ROUNDING:
+        # Correlations; a coefficient of zero variance has a variance of 1 instead, and no correlations.
+        sd = np.sqrt(np.diag(self.covariance))
+        sd = np.where(sd > 0, sd, 1.0)
+        if np.min(np.linalg.eigvalsh(self.covariance / np.outer(sd, sd))) < -_ROUNDING:
             raise ValueError("covariance must be positive semidefinite; use the file as the program wrote it")
         return self
 
@@ -80,10 +83,3 @@ class StatedTemperature(Record):
             if tuple(stated.units) != curve.units:
                 raise InputError(f"{stated.parameter}: the units must be {', '.join(curve.units)}")
         return curve
-
-
-def _correlations(covariance: np.ndarray) -> np.ndarray:
-    """Correlations; a coefficient of zero variance has a variance of 1 instead, and no correlations."""
-    sd = np.sqrt(np.diag(covariance))
-    sd = np.where(sd > 0, sd, 1.0)
-    return covariance / np.outer(sd, sd)

@@ -58,17 +58,13 @@ def uncertainty_parts(path: Path, calibration: Calibration) -> UncertaintyParts:
     diagnosis_parts = {label: sizes[part] for part, label in LABELS.items()}
     ids = calibration.provenance.get(UNDETECTED)
     undetected = None if ids is None else frozenset(ids)
-    return UncertaintyParts(sensor, sizes[NOISE], diagnosis_parts, undetected, _causes(calibration))
+    # The effects of all explanations in the model average.
+    models = [calibration.provenance, *calibration.provenance.get("averaged_over", [])]
+    causes = frozenset(id for model in models for id in model.get("causes", []))
+    return UncertaintyParts(sensor, sizes[NOISE], diagnosis_parts, undetected, causes)
 
 
 def contribution_words(calibration: Calibration, more: str = "") -> str:
     """The contributions to the uncertainty of a calibration, and one more, as a list in words."""
     listed = ["the noise", *(LABELS.values() if PARTS in calibration.provenance else ()), *filter(None, [more])]
     return f"{', '.join(listed[:-1])} and {listed[-1]}" if listed[1:] else "only the noise (type A)"
-
-
-def _causes(calibration: Calibration) -> frozenset[str]:
-    """Ids of the effects of all explanations in the model average."""
-    provenance = calibration.provenance
-    models = [provenance, *provenance.get("averaged_over", [])]
-    return frozenset(id for model in models for id in model.get("causes", []))

@@ -12,15 +12,12 @@ from tumblecal.ground.errors import InputError
 _LINEAR = frozenset({"cross terms", "bias"})
 
 
-def _rows(matrix: np.ndarray, before: str) -> str:
-    return "".join(f"{before}[{listed(row)}]\n" for row in matrix)
-
-
 def _kalibr(export: Export) -> str:
     lines = [f"{export.commented('#')}imu0:\n"]
     lines += [f"  {line}\n" for line in _kalibr_noise(export)]
     lines.append("  model: scale-misalignment\n  accelerometers:\n    M:\n")
-    return "".join(lines) + _rows(np.linalg.inv(export.calibration.matrix), "    - ")
+    lines += [f"    - [{listed(row)}]\n" for row in np.linalg.inv(export.calibration.matrix)]
+    return "".join(lines)
 
 
 def _kalibr_noise(export: Export) -> list[str]:

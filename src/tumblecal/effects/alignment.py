@@ -64,11 +64,6 @@ def _other_inputs(number: int) -> list[Factor]:
     return [lambda u, other=other: u[other] for other in range(3) if other != number]
 
 
-def _warming(number: int):
-    """The two terms of an output whose misalignment with each other input follows the temperature."""
-    return [lambda u, where, factor=factor: factor(u) * warmer(where) for factor in _other_inputs(number)]
-
-
 def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
     others = [other for other in AXES if other != axis]
     thermal = {"axis": axis, "per_degc": True, "reference_degc": REFERENCE_DEGC}
@@ -90,7 +85,7 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"misalignment_temperature.{axis}",
             axis,
-            _warming(number),
+            [lambda u, where, factor=factor: factor(u) * warmer(where) for factor in _other_inputs(number)],
             unit="mrad/degC",
             typical=0.05,
             physics=f"a share of u_{others[0]} and of u_{others[1]}, linear in temperature_degc - {REFERENCE_DEGC:g}, "

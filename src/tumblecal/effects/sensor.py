@@ -18,18 +18,6 @@ def _power(axis: int, power: int):
     return lambda u, where: u[axis] ** power
 
 
-def _product(first: int, second: int):
-    return lambda u, where: u[first] * u[second]
-
-
-def _size(axis: int):
-    return lambda u, where: jnp.abs(u[axis])
-
-
-def _sign(axis: int):
-    return lambda u, where: jnp.sign(u[axis])
-
-
 def _form(axis: str, powers: dict[int, int], kind: str = "product") -> dict:
     return {"axis": axis, "powers": [powers.get(number, 0) for number in range(3)], "kind": kind}
 
@@ -78,7 +66,7 @@ def _asymmetries(number: int, axis: str) -> tuple[Effect, ...]:
         _term(
             f"scale_asymmetry.{axis}",
             axis,
-            _size(number),
+            lambda u, where: jnp.abs(u[number]),
             unit="mg/g",
             physics="K1' abs(u)",
             forms=(_form(axis, {number: 1}, "abs"),),
@@ -89,7 +77,7 @@ def _asymmetries(number: int, axis: str) -> tuple[Effect, ...]:
         _term(
             f"bias_asymmetry.{axis}",
             axis,
-            _sign(number),
+            lambda u, where: jnp.sign(u[number]),
             unit="mg",
             physics="K0' sgn(u)",
             forms=(_form(axis, {number: 1}, "sign"),),
@@ -106,7 +94,7 @@ def _cross_coupling(number: int, axis: str, first: int, second: int) -> Effect:
     return _term(
         f"cross_coupling.{axis}.{''.join(inputs)}",
         axis,
-        _product(first, second),
+        lambda u, where: u[first] * u[second],
         unit="mg/g^2",
         physics=f"K u_{inputs[0]} u_{inputs[1]} on output {axis}",
         symbol=_cross_symbol(number, first, second),
@@ -140,9 +128,13 @@ def _cross_axis_square(number: int, axis: str) -> Effect:
     )
 
 
-def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
-    products = (_cross_coupling(number, axis, *inputs) for inputs in combinations(range(3), 2))
-    return (*_nonlinearities(number, axis), *_asymmetries(number, axis), *products, _cross_axis_square(number, axis))
-
-
-ENTRIES = tuple(entry for number, axis in enumerate(AXES) for entry in _axis_entries(number, axis))
+ENTRIES = tuple(
+    entry
+    for number, axis in enumerate(AXES)
+    for entry in (
+        *_nonlinearities(number, axis),
+        *_asymmetries(number, axis),
+        *(_cross_coupling(number, axis, *inputs) for inputs in combinations(range(3), 2)),
+        _cross_axis_square(number, axis),
+    )
+)

@@ -191,16 +191,10 @@ def _polynomial(axis: str, parameter: str, order: int) -> Effect:
                 for power in range(1, order + 1)
             ]
         ),
-        weight=_weight(parameter, order),
+        # On one axis a bias of second order is `bias_temperature` with `bias_temperature_square`, which leads.
+        weight=_SAME_AS_PAIR if parameter == "bias" and order == 2 else RARE if order <= 3 else HIGHER_ORDER,
         least_soaks=order + 1,
     )
-
-
-def _weight(parameter: str, order: int) -> float:
-    """Prior weight. On one axis a bias of second order is `bias_temperature` with `bias_temperature_square`, which leads."""
-    if parameter == "bias" and order == 2:
-        return _SAME_AS_PAIR
-    return RARE if order <= 3 else HIGHER_ORDER
 
 
 def _hysteresis(axis: str) -> Effect:

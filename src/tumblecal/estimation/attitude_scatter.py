@@ -93,7 +93,8 @@ class AttitudeScatter:
         tilt = f"{np.degrees(self.tilt_rad):.2g} deg"
         why = "stated: set by hand"
         if not self.stated:
-            why = f"odds against noise alone {_odds(self.log_odds)}; if they were set by a dividing head: --attitudes head"
+            odds = f"{np.exp(self.log_odds):.2g}" if self.log_odds < np.log(1000.0) else "above 1000"
+            why = f"odds against noise alone {odds}; if they were set by a dividing head: --attitudes head"
         words = (
             f"Attitudes scatter by {tilt} about the angles of the file ({why}). The tilt of each position is estimated, so "
             "readings along gravity have their full weight."
@@ -107,10 +108,6 @@ class AttitudeScatter:
         if not problem.known:
             problem = problem.with_noise(Covariance.of_sd(self.noise * problem.sd), known=False)
         return problem.with_links(nominal_link("free_attitude", problem.where, {})).with_prior_sd("tilt", self.tilt_rad)
-
-
-def _odds(log_odds: float) -> str:
-    return f"{np.exp(log_odds):.2g}" if log_odds < np.log(1000.0) else "above 1000"
 
 
 def fit_with_scatter(fit: Fit, least_odds: float = LEAST_ODDS) -> tuple[Fit, AttitudeScatter] | None:

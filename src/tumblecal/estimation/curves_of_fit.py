@@ -9,7 +9,6 @@ from tumblecal.chain import Following, followings_of
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.data.temperature_curves import Curve, TemperatureCurves, order_of_covariance
 from tumblecal.estimation.fit import Fit
-from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,11 @@ def curves_of(fit: Fit, of_others: Float[np.ndarray, "9 9"] | None = None) -> Te
         leaf = followings.get(name)
         if leaf is not None and (leaf.change.free or np.any(leaf.change.value)):
             slope, known = _coefficients(fit, leaf, leaf.reference.names.index(name))
-            curves.append(Curve(name, _measured(leaf.functions, fit), slope @ fit.values + known))
+            # Over the measured part of their range; the coefficients do not depend on it.
+            (low, high), degc = leaf.functions.range_degc, np.asarray(fit.problem.where.temperature_degc)
+            degc = degc[fit.problem.takes_part]
+            ends = (max(low, float(degc.min())), min(high, float(degc.max())))
+            curves.append(Curve(name, replace(leaf.functions, range_degc=ends), slope @ fit.values + known))
             rows += list(slope)
     if not curves:
         return None
@@ -94,13 +97,6 @@ def curves_of(fit: Fit, of_others: Float[np.ndarray, "9 9"] | None = None) -> Te
         here = np.array([k for k, name in enumerate(SENSOR) if name not in names], int)
         covariance[np.ix_(here, here)] = of_others[np.ix_(here, here)]
     return TemperatureCurves(tuple(curves), covariance, order_of_covariance(curves))
-
-
-def _measured(functions: TemperatureFunctions, fit: Fit) -> TemperatureFunctions:
-    """The functions over the measured part of their range; the coefficients do not depend on it."""
-    degc = np.asarray(fit.problem.where.temperature_degc)[fit.problem.takes_part]
-    low, high = functions.range_degc
-    return replace(functions, range_degc=(max(low, float(degc.min())), min(high, float(degc.max()))))
 
 
 def _coefficients(

@@ -206,7 +206,9 @@ def _fitted(
     dof = 3 * int(np.sum(problem.takes_part)) + problem.priors - len(names)
     with np.errstate(over="ignore", invalid="ignore"):
         chi2 = float(rows @ rows)
-    inverse = _inverse_normal(jacobian)
+    # `(J'J)^-1` by SVD of J: forming J'J would lose half of the digits.
+    _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    inverse = (right.T / singular**2) @ right
     if not problem.known:
         inverse = inverse * (chi2 / dof if dof > 0 else np.nan)
     residuals = -problem.unwhitened(rows[:count])
@@ -229,12 +231,6 @@ def _fitted(
         statistics={"steps": float(steps)},
         identifiability=identifiability_of(problem, jacobian),
     )
-
-
-def _inverse_normal(jacobian: np.ndarray) -> np.ndarray:
-    """`(J'J)^-1` by SVD of J: forming J'J would lose half of the digits."""
-    _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
-    return (right.T / singular**2) @ right
 
 
 def sensitivity(problem: Problem, vector: Float[np.ndarray, " free"]) -> Float[Array, "free positions 3"]:

@@ -18,6 +18,7 @@ from pydantic import BeforeValidator
 
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
+from tumblecal.data.joined import unused
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.record import ResultRecord
@@ -170,19 +171,13 @@ def with_distinct_mounts(sets: Sequence[PositionSet]) -> list[PositionSet]:
             possible = possible_turns(data.chosen([other == label for other in labels]))
             name, before = now.get(label, (label, possible))
             if not possible & before:
-                name, before = _new_label(data, label, used), possible
+                stem = Path(data.source).stem
+                name, before = unused(stem if data.mount is None else f"{label} of {stem}", used), possible
                 used.add(name)
             now[label] = (name, possible & before)
         new = tuple(now[label][0] for label in labels)
         named.append(replace(data, mount=new) if list(new) != labels else data)
     return named
-
-
-def _new_label(data: PositionSet, label: str, used: set[str]) -> str:
-    stem = Path(data.source).stem
-    wanted = stem if data.mount is None else f"{label} of {stem}"
-    names = (wanted, *(f"{wanted} {number}" for number in range(2, len(used) + 3)))
-    return next(name for name in names if name not in used)
 
 
 def nominal_rotations(turns: dict[str, Angles], labels: Sequence[str]) -> Float[np.ndarray, "mounts 3 3"] | None:

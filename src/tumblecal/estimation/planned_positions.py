@@ -48,7 +48,8 @@ def compared_with_plan(rig: Rig, data: PositionSet) -> list[str]:
     other = [
         (mount, name)
         for mount, name, alpha, beta in rows
-        if (mount, name) in wanted and not _same((alpha, beta), wanted[mount, name])
+        if (mount, name) in wanted
+        and np.any(np.abs((np.subtract((alpha, beta), wanted[mount, name]) + 180.0) % 360.0 - 180.0) >= _SAME_DEG)
     ]
     unknown = [key for key in times if key not in wanted]
     if other or len(unknown) == len(times):
@@ -84,11 +85,6 @@ def compared_with_plan(rig: Rig, data: PositionSet) -> list[str]:
 
 def _keys(mounts: Sequence[str], names: Sequence[str]) -> list[tuple[str, str]]:
     return list(zip(mounts, names, strict=True))
-
-
-def _same(angles: tuple[float, float], wanted: tuple[float, float]) -> bool:
-    turn = np.abs((np.subtract(angles, wanted) + 180.0) % 360.0 - 180.0)
-    return bool(np.all(turn < _SAME_DEG))
 
 
 def _names(keys: Sequence[tuple[str, str]]) -> str:

@@ -81,7 +81,9 @@ def cached_program(function: Callable[..., Any], *about: Any, optimised: bool = 
             while len(ready) >= _MOST_KINDS:
                 ready.pop(next(iter(ready)))
             key = _key(function, about, (arguments, about), *map(str, kind[1:]))
-            ready[kind] = _made(_Program(key, optimised, cache, function, structure, leaves))
+            program = _Program(key, optimised, cache, function, structure, leaves)
+            kept = _compiled if cache is None else _from_disk
+            ready[kind] = kept(program) if key else program.jitted()
         return ready[kind](leaves)
 
     return call
@@ -109,12 +111,6 @@ class _Program:
             return self.function(*jax.tree.unflatten(self.structure, flat))
 
         return jax.jit(of_leaves, compiler_options=compiler_options(self.optimised))
-
-
-def _made(program: _Program) -> Callable[[list], Any]:
-    if not program.key:
-        return program.jitted()
-    return _compiled(program) if program.cache is None else _from_disk(program)
 
 
 @lru_cache(maxsize=_MOST_PROGRAMS)

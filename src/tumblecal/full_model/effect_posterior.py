@@ -101,7 +101,8 @@ def effect_posterior(
     scores, groups = _scored(backgrounds, candidates, dof, 1e-12 * float(z @ z) + 1e-300, known=known)
     weights = np.exp(scores - np.max(scores))
     weights /= np.sum(weights)
-    products, means = _of_named(groups, np.where(_probable(weights), weights, 0.0), len(shown))
+    probable = np.sum(weights, axis=2, keepdims=True) > _NEGLIGIBLE
+    products, means = _of_named(groups, np.where(probable, weights, 0.0), len(shown))
     mean, second = np.zeros(len(shown)), np.zeros((len(shown), len(shown)))
     for share, background, product, size in zip(weights.sum(axis=(1, 2)), backgrounds, products, means, strict=True):
         if share < _NEGLIGIBLE:
@@ -118,12 +119,14 @@ def effect_posterior(
     absorbed = candidates.of_same_size.T @ weights.sum(axis=0)
     hidden = np.flatnonzero(absorbed.any(axis=1))
     # Their signals are absorbed: the data say of them what they say of the size.
-    second[hidden, hidden] += _equal_interval(absorbed[hidden]) ** 2
+    # The sd of the normal distribution about zero that has the 95 % interval of a mixture of some of the sizes `w`,
+    # by their probabilities; the remaining probability is at zero. The mixture's mean square is that of its largest
+    # sizes.
+    ends = np.geomspace(1e-3, 4.0 * _NAMED[-1], 200)
+    outside = absorbed[hidden] @ erfc(ends / (np.sqrt(2.0) * _NAMED[:, None]))
+    equal_interval = np.array([np.interp(-_OUTSIDE, -share, ends) for share in outside]) / float(-ndtri(_OUTSIDE / 2))
+    second[hidden, hidden] += equal_interval**2
     return EffectPosterior(mean, second)
-
-
-def _probable(weights: Float[np.ndarray, "scales candidates sizes"]) -> Bool[np.ndarray, "scales candidates 1"]:
-    return np.sum(weights, axis=2, keepdims=True) > _NEGLIGIBLE
 
 
 def _background(
@@ -190,11 +193,3 @@ def _of_named(
         np.add.at(products, (scale[:, None, None], columns[:, :, None], columns[:, None]), axes @ along_axes @ axes.mT)
         np.add.at(means, (scale[:, None], columns), (axes @ (share[:, None] @ sizes).mT)[..., 0])
     return products, means
-
-
-def _equal_interval(shares: Float[np.ndarray, "hidden sizes"]) -> Float[np.ndarray, " hidden"]:
-    """The sd of the normal distribution about zero that has the 95 % interval of a mixture of some of the sizes `w`, by their
-    probabilities; the remaining probability is at zero. The mixture's mean square is that of its largest sizes."""
-    ends = np.geomspace(1e-3, 4.0 * _NAMED[-1], 200)
-    outside = shares @ erfc(ends / (np.sqrt(2.0) * _NAMED[:, None]))
-    return np.array([np.interp(-_OUTSIDE, -share, ends) for share in outside]) / float(-ndtri(_OUTSIDE / 2))

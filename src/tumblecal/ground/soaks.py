@@ -57,7 +57,9 @@ def soak_numbers(degc: Float[np.ndarray, " positions"]) -> Int[np.ndarray, " pos
         width = ordered[np.append(cuts, len(steps))] - ordered[np.append(0, cuts + 1)]
         wide = np.maximum(width, ONE_TEMPERATURE_DEGC)
         ratio = float(np.min(steps[cuts] / np.maximum(wide[:-1], wide[1:])))
-        chance = _log_chance(len(degc), len(width), ratio)
+        count, groups = len(degc), len(width)
+        ways = lgamma(count) - lgamma(groups) - lgamma(count - groups + 1)
+        chance = float(ways - (count - groups) * np.log1p(ratio))
         certain = np.max(width) <= ONE_TEMPERATURE_DEGC or chance < np.log(_BY_CHANCE)
         if ratio > _STEP_IN_WIDTHS and certain:
             found.append((chance, cuts))
@@ -69,8 +71,3 @@ def soak_numbers(degc: Float[np.ndarray, " positions"]) -> Int[np.ndarray, " pos
     number = np.empty(len(degc), int)
     number[order] = np.searchsorted(cuts, np.arange(len(degc)), side="left")
     return number
-
-
-def _log_chance(count: int, groups: int, ratio: float) -> float:
-    ways = lgamma(count) - lgamma(groups) - lgamma(count - groups + 1)
-    return float(ways - (count - groups) * np.log1p(ratio))

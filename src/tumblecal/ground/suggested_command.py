@@ -53,7 +53,12 @@ def suggested(command: str, *words: object, less: Collection[str] = ()) -> str:
         if option == "--effects" and "=" in value:
             continue  # the size of an effect in a plan, not a file
         if option == "--columns" and command in _OF_RECORDINGS:
-            value = _of_samples(value)
+            # The columns of positions that samples also have: all except the number of samples and sd.
+            pairs = [pair for pair in value.split(",") if pair]
+            names = [pair.partition("=")[0].strip() for pair in pairs]
+            value = ",".join(
+                pair for pair, name in zip(pairs, names, strict=True) if name != "n" and "_sd_" not in name
+            )
         if option in accepted and value:
             given += [f"{option}={value}"] if value.startswith("-") else [option, value]
     given += [flag for flag in _FLAGS.get(command, ()) if states(flag) and flag not in given]
@@ -87,10 +92,3 @@ def _options() -> Iterator[tuple[str, str]]:
         option, equals, value = word.partition("=")
         if option in EVERY:
             yield option, value if equals else next(words, "")
-
-
-def _of_samples(columns: str) -> str:
-    """The columns of positions that samples also have: all except the number of samples and sd."""
-    pairs = [pair for pair in columns.split(",") if pair]
-    names = [pair.partition("=")[0].strip() for pair in pairs]
-    return ",".join(pair for pair, name in zip(pairs, names, strict=True) if name != "n" and "_sd_" not in name)

@@ -79,7 +79,12 @@ def over_time(
     - `u`: standard uncertainties, base units, 0 if not stated. `months`: time of each result, not decreasing.
     - `level`: significance level of a change of one parameter, or of all together; 0 to find none.
     """
-    possible = _possible(months)
+    # All changes that results at these times could show.
+    order = np.arange(len(months))
+    steps = [k for k in order[1:].tolist() if months[k] > months[k - 1]]
+    possible = [Change(STEP, k - 1, k, (order >= k).astype(float)) for k in steps]
+    possible += [Change(DRIFT, 0, len(months) - 1, months)] * (len(steps) > 1)
+    possible += [Change(RESULT, k, k, (order == k).astype(float)) for k in order.tolist() if len(months) > 1]
     signals = np.array([change.signal for change in possible]).reshape(-1, len(months))
     found, fitted = [list[Change]() for _ in values], np.mean(values, axis=1, keepdims=True) + 0 * values
     dof, p_values = np.full(len(values), len(months) - 1), np.ones(len(values))
@@ -107,15 +112,6 @@ def over_time(
     repeatability = float(np.median(total) * np.sqrt(chi2 / np.sum(dof))) if np.sum(dof) > 0 else float("nan")
     between = float(np.sqrt(variance)) if variance > _NO_VARIANCE else 0.0
     return KindOverTime(found, fitted, p_values, between, repeatability, int(np.sum(dof)), np.array(slopes))
-
-
-def _possible(months: Float[np.ndarray, " results"]) -> list[Change]:
-    """All changes that results at these times could show."""
-    order = np.arange(len(months))
-    steps = [k for k in order[1:].tolist() if months[k] > months[k - 1]]
-    possible = [Change(STEP, k - 1, k, (order >= k).astype(float)) for k in steps]
-    possible += [Change(DRIFT, 0, len(months) - 1, months)] * (len(steps) > 1)
-    return possible + [Change(RESULT, k, k, (order == k).astype(float)) for k in order.tolist() if len(months) > 1]
 
 
 def _search(

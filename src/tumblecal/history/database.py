@@ -67,7 +67,11 @@ def add(path: Path, entry: Entry) -> bool:
         database.execute("BEGIN IMMEDIATE")
         with database:  # commits, or rolls back
             checksums.ready(database)
-            added = database.execute(_ENTRY, (_key(entry), *(getattr(entry, name) for name in columns)))
+            # The identity of an entry: its documents, or its date if it has none.
+            content = [entry.kind, entry.serial, entry.source, entry.sha256, *sorted(entry.documents.items())]
+            content += [] if entry.documents else [entry.date_utc]
+            key = hashlib.sha256(json.dumps(content).encode()).hexdigest()
+            added = database.execute(_ENTRY, (key, *(getattr(entry, name) for name in columns)))
             if not added.rowcount:
                 return False
             number, parameters = added.lastrowid or 0, entry.parameters
@@ -212,14 +216,6 @@ def _parameters(names: str, values: bytes, covariance: bytes) -> "SensorParamete
     listed = tuple(json.loads(names))
     size = len(listed)
     return SensorParameters(listed, np.frombuffer(values, "<f8"), np.frombuffer(covariance, "<f8").reshape(size, -1))
-
-
-def _key(entry: Entry) -> str:
-    """The identity of an entry: its documents, or its date if it has none."""
-    content = [entry.kind, entry.serial, entry.source, entry.sha256, *sorted(entry.documents.items())]
-    if not entry.documents:
-        content.append(entry.date_utc)
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 @contextlib.contextmanager

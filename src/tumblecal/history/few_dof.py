@@ -72,17 +72,13 @@ def no_change(
         if np.all(only):
             return t2, count, float(fdtrc(count, min(dof, _MANY), t2 / count))
     first, second = (min(dof, _MANY) for dof in dofs)
-    part, rest, weight = _beta(first / 2, second / 2)
+    # Points, 1 minus these, and weights of an integral over the beta distribution: the trapezoidal rule in the logit, which is
+    # exact except for rounding.
+    a, b = first / 2, second / 2
+    centre, width = np.log(a / b), np.sqrt(1 / a + 1 / b)
+    logit = np.linspace(centre - 45 / a - 10 * width, centre + 45 / b + 10 * width, _POINTS)
+    weight = np.exp(a * (logit - centre) - (a + b) * (np.logaddexp(0, logit) - np.logaddexp(0, centre)))
+    part, rest, weight = 1 / (1 + np.exp(-logit)), 1 / (1 + np.exp(logit)), weight / np.sum(weight)
     spread = share * first / part[:, None] + (1 - share) * second / rest[:, None]
     tails = fdtrc(count, first + second, (first + second) / count * np.sum(size / spread, axis=1))
     return t2, count, float(weight @ tails)
-
-
-def _beta(a: float, b: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, 1 minus these, and weights of an integral over the beta distribution: the trapezoidal rule in the logit, which is
-    exact except for rounding."""
-    centre, width = np.log(a / b), np.sqrt(1 / a + 1 / b)
-    logit = np.linspace(centre - 45 / a - 10 * width, centre + 45 / b + 10 * width, _POINTS)
-    density = a * (logit - centre) - (a + b) * (np.logaddexp(0, logit) - np.logaddexp(0, centre))
-    weight = np.exp(density)
-    return 1 / (1 + np.exp(-logit)), 1 / (1 + np.exp(logit)), weight / np.sum(weight)

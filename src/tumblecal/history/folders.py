@@ -1,13 +1,9 @@
-"""Entries of output folders of calibrate and diagnose, and of the three runs of the paper."""
+"""Entries of output folders of calibrate, diagnose and check."""
 
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
-from tumblecal.data import paper
 from tumblecal.data.budget_result import NAME, with_budget_in_folder
-from tumblecal.data.calibration import Calibration
 from tumblecal.data.not_applied import losses_words
 from tumblecal.data.position_comments import measured_at
 from tumblecal.data.result_records import (
@@ -20,7 +16,6 @@ from tumblecal.data.result_records import (
     ResultFile,
     read_checked,
 )
-from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_json import read_record
 from tumblecal.ground.text_file import read_text
@@ -76,6 +71,7 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         outcome += "" if degc is None else f"; values at {degc:.4g} degC"
         outcome += "".join([f"; {words}" for words in losses_words(corrected.not_applied, reasons=False)])
         outcome += f"{USE}{corrected.use.answer or 'not stated'}"
+    at_degc = corrected if corrected is None or degc is None else corrected.at(degc)
     provenance = corrected.provenance if corrected else {}
     calibrated = corrected.serial_number if corrected else None
     return Entry(
@@ -83,7 +79,7 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         serial=serial or calibrated or "",
         date_utc=_date(folder / name, provenance.get("measured_utc") or provenance.get("date_utc")),
         sha256=str(provenance.get("sha256") or result.sha256 or ""),
-        parameters=budgeted or _parameters(corrected, degc),
+        parameters=budgeted or (at_degc and at_degc.sensor),
         combined=budgeted is not None,
         documents=documents,
         source=result.source,
@@ -106,32 +102,6 @@ def _of_check(path: Path, serial: str | None) -> Entry:
         p_value=result.p_value,
         documents={CHECK: read_text(path, "JSON")},
     )
-
-
-def _parameters(calibration: Calibration | None, degc: float | None) -> SensorParameters | None:
-    if calibration is None:
-        return None
-    return (calibration if degc is None else calibration.at(degc)).sensor
-
-
-def paper_runs(covariance: np.ndarray) -> list[Entry]:
-    """The three runs of Table 2 of the paper, which states no uncertainty, with the given covariance of `SENSOR` and `MOUNT`.
-
-    The paper states no dates: all have the same date, so that no drift is estimated.
-    """
-    names, table = (*SENSOR, *MOUNT), paper.table2()
-    return [
-        Entry(
-            "calibration",
-            "paper",
-            "2016-06-01T00:00:00Z",
-            f"Table 2, run {run + 1}",
-            f"table2-{run + 1}",
-            "published",
-            parameters=SensorParameters(names, np.array([table[name][run] for name in names]), covariance),
-        )
-        for run in range(3)
-    ]
 
 
 def _date(path: Path, stated: object) -> str:

@@ -12,6 +12,7 @@ from scipy.special import ndtr, stdtr
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.option_texts import sizes
 from tumblecal.history.changes import Change, over_time
 from tumblecal.history.entry import Entry
 
@@ -28,6 +29,15 @@ MOUNTING = "dtheta"
 DAYS_A_MONTH = 365.25 / 12
 # Three standard deviations from the mean moving range (individuals charts, ISO 7870-2).
 _MOVING_RANGE = 3 / 1.128
+
+
+def limits_of(texts: Sequence[str]) -> dict[str, float]:
+    """The limits of the paper, and in their place those of texts such as `bias=1 mg`, in base units.
+
+    **Raises:** `InputError` for texts that are not limits.
+    """
+    units = {leaf: unit for leaf, (_, unit) in GROUPS.items()}
+    return {**PAPER_LIMITS, **sizes("--limit ", texts, units, "'bias=1 mg'")}
 
 
 @dataclass(frozen=True)
@@ -156,7 +166,9 @@ def unit_history(entries: Sequence[Entry], limits: Mapping[str, float]) -> UnitH
             continue
         parts = [estimate.of(of_leaf) for estimate in estimates]
         values, sd = (np.stack([getattr(part, of) for part in parts], axis=1) for of in ("values", "sd"))
-        factors = np.stack([_factors(part.effective_dof) for part in parts], axis=1)
+        dof, covered = np.stack([part.effective_dof for part in parts], axis=1), 2 * float(ndtr(COVERAGE)) - 1
+        # Coverage factors at 95.45 %, 2 for known noise.
+        factors = np.where(np.isfinite(dof), coverage_factors(dof, covered), COVERAGE)
         u = (expanded := factors * sd) / COVERAGE
         # An estimated uncertainty may be small by chance: as a weight it is at least the median.
         u = np.where(factors > COVERAGE, np.maximum(u, np.median(u, axis=1, keepdims=True)), u)
@@ -179,8 +191,3 @@ def unit_history(entries: Sequence[Entry], limits: Mapping[str, float]) -> UnitH
 def months_of(dates: Sequence[datetime]) -> Float[np.ndarray, " entries"]:
     """Months from the first date to each."""
     return np.array([(date - dates[0]).total_seconds() / 86400 / DAYS_A_MONTH for date in dates])
-
-
-def _factors(dof: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
-    """Coverage factors at 95.45 %, 2 for known noise."""
-    return np.where(np.isfinite(dof), coverage_factors(dof, 2 * float(ndtr(COVERAGE)) - 1), COVERAGE)

@@ -1,6 +1,6 @@
 """`calibration.json` of a diagnosis: the extended model at one reference, with one stated uncertainty."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import ORDER, Calibration
-from tumblecal.data.calibration_terms import WITH_TERMS, Term
+from tumblecal.data.calibration_terms import WITH_TERMS
 from tumblecal.data.sensor_parameters import SENSOR, correction_slope, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS, UNDETECTED
 from tumblecal.diagnosis import Diagnosis
@@ -44,7 +44,11 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     estimated = terms.by_name if terms.by_name.keys() <= {*average.names} else {}
     at_degc = reference.get("temperature_degc")
     missed = responses(average.undetected, diagnosis.model, diagnosis.entries, diagnosis.problem.where, at_degc)
-    slope = _file_slope(average, estimated)
+    # Derivative of matrix, bias (`ORDER`) and terms, in the units of the file, by the parameters. A fixed parameter has no
+    # column, and the model counts time in seconds.
+    sensor, of_terms = (np.array(names, str)[:, None] == np.array(average.names) for names in (SENSOR, [*estimated]))
+    scales = np.array([3600.0 if term.per_hour else 1.0 for term in estimated.values()])
+    slope = np.vstack([correction_slope(sensor_of(used).values) @ sensor, scales[:, None] * of_terms])
     covariance = with_undetected(slope, average.covariance, average.undetected, missed)
     linear = linear_calibration(used)
     expanded_g = expanded_uncertainty(
@@ -93,15 +97,6 @@ def _as_written(average: Average) -> list[Weighed]:
         replace(one, fit=replace(one.fit, values=np.array([average.value(name) for name in one.fit.names])))
         for one in average.weighed
     ]
-
-
-def _file_slope(average: Average, terms: Mapping[str, Term]) -> Float[np.ndarray, "entries names"]:
-    """Derivative of matrix, bias (`ORDER`) and terms, in the units of the file, by the parameters."""
-    # A fixed parameter has no column.
-    of_sensor, of_terms = (np.array(names, str)[:, None] == np.array(average.names) for names in (SENSOR, [*terms]))
-    # The model counts time in seconds.
-    scales = np.array([3600.0 if term.per_hour else 1.0 for term in terms.values()])
-    return np.vstack([correction_slope(sensor_of(average.as_fit).values) @ of_sensor, scales[:, None] * of_terms])
 
 
 def _reference(diagnosis: Diagnosis, terms: SensorTerms) -> dict[str, Any]:

@@ -53,10 +53,10 @@ def diagnosed_use(diagnosis: Diagnosis) -> Use:
     return diagnosis.calibration.use
 
 
-def lacking_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:
-    """Effects that calibration.json does not contain, with reasons and sizes; `of_sensor` as for `lacking_words`."""
+def lacking_of_diagnosis(diagnosis: Diagnosis) -> Iterator[str]:
+    """Effects of the sensor that calibration.json does not contain, with reasons and sizes."""
     if diagnosis.calibration is not None:
-        yield from lacking_words(diagnosis.calibration.not_applied, of_sensor=of_sensor)
+        yield from lacking_words(diagnosis.calibration.not_applied, of_sensor=True)
 
 
 def use_of_diagnosis(

@@ -75,22 +75,18 @@ def fit_dwells(dwells: Sequence[Float[np.ndarray, "samples 3"]], rate_hz: float,
     lengths = np.array([len(dwell) for dwell in dwells])
     size = max(int(np.quantile(lengths, 0.1)) // _BLOCKS, 1)
     block_s, typical_s = size / rate_hz, float(np.median(lengths)) / rate_hz
-    slow = _slow_parts(1 / rate_hz, _SHORTEST_MARKOV * block_s, typical_s, whole_s)
+    # Flicker, walk and Gauss-Markov parts, all with the Allan variance of unit white noise at the length of a dwell.
+    unit, tau, shortest_s = np.ones(3), np.array([typical_s]), _SHORTEST_MARKOV * block_s
+    longest_s = max(whole_s, _LONGEST_MARKOV * typical_s, 2 * shortest_s)
+    slow: list[Part] = [Flicker(unit, 1 / rate_hz, _SLOWEST * max(whole_s, typical_s)), RandomWalk(unit)]
+    slow += [GaussMarkov(unit, float(time)) for time in np.geomspace(shortest_s, longest_s, _MARKOV_TIMES)]
+    slow = [_scaled(part, unit / np.sqrt(typical_s * part.allan_variance(tau)[0])) for part in slow]
     white, squared = _averaged(_contrasts(dwells, size), slow, size, 1 / rate_hz)
     parts: list[Part] = [White(np.sqrt(np.maximum(white, LEAST_G**2 * typical_s)))]
     for part, squared_size in zip(slow, squared, strict=True):
         if np.any(squared_size > _SHARE * white):
             parts.append(_scaled(part, np.sqrt(squared_size)))
     return Noise(tuple(parts))
-
-
-def _slow_parts(period_s: float, shortest_s: float, dwell_s: float, whole_s: float) -> list[Part]:
-    """Flicker, walk and Gauss-Markov parts, all with the Allan variance of unit white noise at the length of a dwell."""
-    unit, tau = np.ones(3), np.array([dwell_s])
-    longest_s = max(whole_s, _LONGEST_MARKOV * dwell_s, 2 * shortest_s)
-    parts: list[Part] = [Flicker(unit, period_s, _SLOWEST * max(whole_s, dwell_s)), RandomWalk(unit)]
-    parts += [GaussMarkov(unit, float(time)) for time in np.geomspace(shortest_s, longest_s, _MARKOV_TIMES)]
-    return [_scaled(part, unit / np.sqrt(dwell_s * part.allan_variance(tau)[0])) for part in parts]
 
 
 def _scaled(part: Part, factor: Float[np.ndarray, "3"]) -> Part:
@@ -131,12 +127,21 @@ def _averaged(
     The slow part is the same for the three axes; its size is each axis's own, equal within `_AXES_SPREAD`.
     """
     rows = sum(group.dwells * (group.blocks - 1) for group in groups)
-    near, common_prior = _near(), _half_cauchy()
+    # Logarithm of the prior of `_RATIOS`, whose roots are half-Cauchy.
+    density = np.log(np.sqrt(_RATIOS) / (1 + _RATIOS))
+    common_prior, logs = density - logsumexp(density), np.log(_RATIOS)
+    # Probability of the size of an axis (columns) given the size of the triad (rows): log-normal about it.
+    near = np.exp(-0.5 * ((logs[:, None] - logs) / _AXES_SPREAD) ** 2)
+    near /= np.sum(near, axis=1, keepdims=True)
     evidence, white, ratio = [], [], []
     for part in slow:
         half_log_det, quadratic = np.zeros(len(_RATIOS)), np.full((3, len(_RATIOS)), 1e-300)
         for group in groups:
-            unit, vectors = np.linalg.eigh(_unit_covariance(group, part, size, period_s))
+            # Covariance of the contrasts under a slow part of ratio 1.
+            dwell = Dwells(np.arange(group.blocks) * size * period_s, size, period_s)
+            contrasts = _contrast_matrix(group.blocks)
+            unit_covariance = contrasts @ part.mean_covariance(dwell)[0] @ contrasts.T
+            unit, vectors = np.linalg.eigh(unit_covariance)
             variances = 1 / (size * period_s) + _RATIOS[:, None] * unit
             half_log_det += group.dwells / 2 * np.sum(np.log(variances), axis=1)
             quadratic += np.einsum("ik,aij,jk->ak", vectors, group.scatter, vectors) @ (1 / variances).T
@@ -154,25 +159,3 @@ def _averaged(
     priors = np.array([_PRIOR["flicker"], _PRIOR["walk"], *[_PRIOR["markov"] / times] * times])
     probability = softmax(np.log(priors) + evidence)
     return probability @ np.array(white), probability[:, None] * np.array(ratio)
-
-
-def _half_cauchy() -> Float[np.ndarray, " sizes"]:
-    """Logarithm of the prior of `_RATIOS`, whose roots are half-Cauchy."""
-    density = np.log(np.sqrt(_RATIOS) / (1 + _RATIOS))
-    return density - logsumexp(density)
-
-
-def _near() -> Float[np.ndarray, "sizes sizes"]:
-    """Probability of the size of an axis (columns) given the size of the triad (rows): log-normal about it."""
-    size = np.log(_RATIOS)
-    density = np.exp(-0.5 * ((size[:, None] - size) / _AXES_SPREAD) ** 2)
-    return density / np.sum(density, axis=1, keepdims=True)
-
-
-def _unit_covariance(
-    group: _Contrasts, part: Part, size: int, period_s: float
-) -> Float[np.ndarray, "contrasts contrasts"]:
-    """Covariance of the contrasts under a slow part of ratio 1."""
-    dwell = Dwells(np.arange(group.blocks) * size * period_s, size, period_s)
-    contrasts = _contrast_matrix(group.blocks)
-    return contrasts @ part.mean_covariance(dwell)[0] @ contrasts.T

@@ -9,7 +9,6 @@ residuals are the dispersion between dwells, so the test is valid for noise of a
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -60,20 +59,6 @@ class WithinDwells:
     dwells: int
     course: float
     confounded: bool
-
-    def as_dict(self) -> dict[str, Any]:
-        """For a file."""
-        return {
-            "variable": self.variable,
-            "axes": [axis for axis, shows in zip(AXES, self.axes.tolist(), strict=True) if shows],
-            "bias_g_per_unit": self.bias.tolist(),
-            "scale_per_unit": self.scale.tolist(),
-            "p_value": self.p_value.tolist(),
-            "largest_change_g": self.change.tolist(),
-            "dwells": self.dwells,
-            "largest_course": self.course,
-            "confounded": self.confounded,
-        }
 
     def words(self) -> str:
         """The change with its size, and its consequence."""

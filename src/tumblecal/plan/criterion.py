@@ -161,9 +161,9 @@ def weighted(criteria: Sequence[Criterion], weights: Sequence[float]) -> Criteri
     return Criterion("weighted", tuple(parts))
 
 
-def attitudes_in_use(ability: HeadAbility, temperatures_degc: Sequence[float] = ()) -> Cells:
-    """Attitudes distributed over the sphere (rings of 30 deg), at each temperature of use (default: those of the chamber)."""
-    degc = tuple(temperatures_degc) or ability.temperatures_degc
+def attitudes_in_use(ability: HeadAbility) -> Cells:
+    """Attitudes distributed over the sphere (rings of 30 deg), at each temperature of the chamber."""
+    degc = ability.temperatures_degc
     rings = [(-90.0, 1), (-60.0, 6), (-30.0, 10), (0.0, 12), (30.0, 10), (60.0, 6), (90.0, 1)]
     attitudes = [(360.0 * k / count, beta, t) for t in degc or (0.0,) for beta, count in rings for k in range(count)]
     alpha, beta, temperature = (np.array(column) for column in zip(*attitudes, strict=True))

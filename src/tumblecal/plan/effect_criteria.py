@@ -26,7 +26,7 @@ from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.plan.criterion import Combine, Criterion, Part
-from tumblecal.plan.forecast.alias import ATTITUDES, effect_in_use, of_use, sensor_rows
+from tumblecal.plan.forecast.alias import effect_in_use, of_use, sensor_rows
 from tumblecal.plan.forecast.effects_of_plan import slot_of, unit_steps
 from tumblecal.plan.linear_model import LinearModel, one_visit
 from tumblecal.plan.responses import Responses
@@ -165,7 +165,7 @@ def alias_term(of: EffectsOfCells, ids: Iterable[str]) -> Term:
     **Raises:** `InputError` as `naming_term`.
     """
     names, use = of.responses.names, of_use(of.where)
-    sensor = 1e3 * sensor_rows(names, ATTITUDES) * of.responses.scales
+    sensor = 1e3 * sensor_rows(names) * of.responses.scales
     listed = list[tuple[LinearModel, Criterion]]()
     for id in ids:
         rows = np.zeros((len(sensor) + 1, len(names) + 1))

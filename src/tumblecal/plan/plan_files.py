@@ -22,7 +22,7 @@ RIG = "rig.toml"
 _SETTINGS = ("dbeta", "dtheta")
 
 
-def write_plan(
+def write_files(
     folder: Path,
     plan: DesignedPlan,
     content: Mapping[str, Any],

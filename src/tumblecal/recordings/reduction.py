@@ -15,18 +15,17 @@ from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.files import write_positions
 from tumblecal.data.position_comments import NOISE_MODEL
 from tumblecal.data.positions import PositionSet
-from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.json_file import json_text
 from tumblecal.noise.allan import averaging_factors, overlapping_allan
 from tumblecal.noise.allan_fit import quantisation_and_misfit
 from tumblecal.noise.dwell_fit import ordinary_dwells
-from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
+from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import RecordedNoise
 from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, without_common_change
 from tumblecal.recordings.dwells.axis_checks import require_axes_answer
 from tumblecal.recordings.dwells.dwell_checks import DwellChecks, check_dwell
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples
+from tumblecal.recordings.reduction_record import AxisRecord, PositionRecord, ReductionRecord
 
 
 @dataclass(frozen=True)
@@ -81,39 +80,23 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
     calm, reported, axes = ordinary_dwells(list(reduction.quiet)), noise.reported, {}
     for axis, (letter, coefficients) in enumerate(zip(AXES, reported.coefficients(), strict=True)):
         allan = overlapping_allan([force[:, axis] for force in calm], dwells.rate_hz, factors)
-        axes[letter] = {
-            "noise": {**coefficients, **quantisation_and_misfit(allan, reported, axis)},
-            "allan": {
-                "tau_s": allan.tau_s,
-                "deviation_g": allan.deviation,
-                "low_g": allan.low,
-                "high_g": allan.high,
-            },
-        }
+        axes[letter] = AxisRecord.of(allan, noise=coefficients | quantisation_and_misfit(allan, reported, axis))
     more = dwells.dwell_entries or [{}] * len(data)
-    content = {
-        "schema": "tumblecal.reduction/1",
-        "rate_hz": dwells.rate_hz,
-        "noise_model": json.loads(noise.text()),
-        "within_dwells": [change.as_dict() | {"words": change.words()} for change in reduction.within],
-        **dwells.entries,
-        "axes": axes,
-        "positions": [
-            {
-                "name": name,
-                **entries,
-                "n": len(force),
-                "mean_g": force.mean(0),
-                "sd_of_mean_g": sd,
-                "batch_means_sd_g": batch_means_sd(force),
-                "white_noise_sd_g": white_sd(force),
-                "checks": checks,
-            }
-            for name, entries, force, sd, checks in zip(
-                data.names, more, reduction.quiet, data.sd, reduction.checks, strict=True
-            )
-        ],
-    }
+    positions = [
+        PositionRecord.model_validate(
+            dict(entries)
+            | {"name": name, "n": len(force), "mean_g": force.mean(0), "sd_of_mean_g": sd, "checks": checks}
+            | {"batch_means_sd_g": force, "white_noise_sd_g": force}
+        )
+        for name, entries, force, sd, checks in zip(
+            data.names, more, reduction.quiet, data.sd, reduction.checks, strict=True
+        )
+    ]
+    record = ReductionRecord.model_validate(
+        dict(dwells.entries)
+        | {"rate_hz": dwells.rate_hz, "noise_model": json.loads(noise.text())}
+        | {"within_dwells": reduction.within, "axes": axes, "positions": positions}
+    )
     path = folder / "reduction.json"
-    write_text(path, json_text(content))
+    record.write(path)
     return [*paths, path]

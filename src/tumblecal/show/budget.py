@@ -12,6 +12,7 @@ from tumblecal.estimation.intrinsic import intrinsic, one_sensor
 from tumblecal.show.figures.budget import shares_figure
 from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.page import write_page
+from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of
 
 
@@ -45,16 +46,16 @@ def words_of_budget(budget: Budget, checked: MonteCarlo | None, notes: Sequence[
     )
 
 
-def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
-    """The budget for a terminal: the sections of the page."""
+def budget_lines(budget: Budget, checked: MonteCarlo | None) -> list[str | Table]:
+    """The budget for a terminal: the sections of the page, with their tables."""
     words = words_of_budget(budget, checked)
-    lines = list[str]()
+    lines = list[str | Table]()
     for section in words.sections:
         entries = [cells[0] for cells in section.entries]
-        held = [str(table) for name in words.blocks if f"[table {name}]" in entries and (table := words.table(name))]
+        held = [table for name in words.blocks if f"[table {name}]" in entries and (table := words.table(name))]
         if held:
             lines += [section.title, *(entry for entry in entries if not entry.startswith("[")), *held, ""]
-    return "\n".join([*lines, words.text("headline")])
+    return [*lines, words.text("headline")]
 
 
 def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str] = ()) -> list[str]:

@@ -7,7 +7,6 @@ import numpy as np
 
 from tumblecal import __version__
 from tumblecal.chain import followings_of
-from tumblecal.data.calibration import Calibration
 from tumblecal.data.position_comments import identity_words
 from tumblecal.data.source_of import digest_of
 from tumblecal.estimation.curves_of_fit import Reported, reported
@@ -69,7 +68,7 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
         titles=TITLES,
         pairs=strong_correlations(exact),
         strong=STRONG_CORRELATION,
-        applied=_applied(calibrated),
+        applied=calibration_of(exact, calibrated.entries) if exact.code.good and one_sensor(exact) else None,
         file=file,
         sha256=digest_of(data.source),
         now=datetime.now(UTC),
@@ -82,12 +81,6 @@ def calibration_text(words: Words, width: int = WIDTH) -> str:
     table = words.table("parameters")
     lines = [line for part in table.parts(width) for lines in part for line in lines] if table else []
     return "\n".join([*lines, "", *verdict_lines(words.verdict, width)])
-
-
-def _applied(calibrated: Calibrated) -> Calibration | None:
-    """The calibration of the exact fit, if its file is written."""
-    exact = calibrated.exact
-    return calibration_of(exact, calibrated.entries) if exact.code.good and one_sensor(exact) else None
 
 
 def _differences(calibrated: Calibrated, exact: Reported) -> dict[str, dict[str, float]]:

@@ -1,13 +1,15 @@
-"""A check for people: its words."""
+"""A check for people: its words, and its page."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tumblecal.check.consistency import LEVEL
 from tumblecal.check.drift import ProcessNoise
 from tumblecal.check.moved import Explanation
+from tumblecal.check.record import CheckRecord
 from tumblecal.check.result import CheckResult
 from tumblecal.check.sensitivity import JOINED, POWER, combination_words, size_words
 from tumblecal.check.update import Update
@@ -16,6 +18,9 @@ from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import decimals, rounded_together, with_decimals
 from tumblecal.ground.units import shown
+from tumblecal.show.figures.check import FIGURES
+from tumblecal.show.page import write_page
+from tumblecal.show.verdict import verdict_lines
 from tumblecal.show.words import Words, words_of
 
 
@@ -112,3 +117,13 @@ def _limited(result: CheckResult) -> str:
     ]
     # The share of the noise in the variance along a change.
     return "" if not shares else "noise" if np.median(shares) > 0.5 else "expected"
+
+
+def write_check(
+    folder: Path, result: CheckResult, words: Words, source: Mapping[str, Any], update: Update | None, *, figures: bool
+) -> None:
+    """Write the files of a check; `source`: its provenance, `figures`: whether with its page."""
+    text = "\n".join(verdict_lines(words.verdict))
+    CheckRecord.of(result, **source, update=update, text=text).write(folder / "check.json")
+    if figures:
+        write_page(folder / "check.html", words, FIGURES, result)

@@ -3,13 +3,14 @@
 import math
 
 from tumblecal.history.comparison import Comparison
+from tumblecal.show.tables import Table
 from tumblecal.show.words import words_of
 
 
-def comparison_text(comparison: Comparison) -> str:
-    """The changes between two calibrations, for a terminal."""
+def comparison_tables(comparison: Comparison) -> list[Table]:
+    """The changes between two calibrations, and their tests."""
     words = words_of("comparison", c=comparison)
-    return f"{words.table('changes')}\n\n{words.table('tests')}"
+    return [table for name in ("changes", "tests") if (table := words.table(name))]
 
 
 def dof_words(dof: float) -> str:

@@ -104,7 +104,7 @@ def words_of_diagnosis(
         advice=advice,
         mountings=mounting_words(diagnosis.mountings),
         held=list(held_words(diagnosis.extended, diagnosis.model.nominal_chain, diagnosis.entries)),
-        missed=list(lacking_of_diagnosis(diagnosis, of_sensor=True)),
+        missed=list(lacking_of_diagnosis(diagnosis)),
         within_dwells=diagnosis.data.comments.get(WITHIN_DWELLS),
         harm=harm,
         largest_harm=sorted(largest, reverse=True)[:_MOST_LISTED],
@@ -118,12 +118,9 @@ def words_of_diagnosis(
     )
 
 
-def verdict_of_diagnosis(
-    diagnosis: Diagnosis, plan: NextPlan | None = None, folder: Path | None = None, words: Words | None = None
-) -> Verdict:
-    """The verdict of a diagnosis: in `words` if they exist, otherwise in those of `words_of_diagnosis`."""
-    words = words or words_of_diagnosis(diagnosis, plan, folder)
-    return words.verdict
+def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, folder: Path | None = None) -> Verdict:
+    """The verdict of a diagnosis, with the arguments of `words_of_diagnosis`."""
+    return words_of_diagnosis(diagnosis, plan, folder).verdict
 
 
 def _finding(diagnosis: Diagnosis, number: int, causes: Sequence[Cause]) -> dict[str, Any]:

@@ -1,13 +1,18 @@
-"""The history of a unit for people: its words, its verdict, and its lines on a terminal."""
+"""The history of a unit for people: its words, its verdict, its lines on a terminal, and its page."""
 
 from dataclasses import replace
 from datetime import timedelta
+from pathlib import Path
 
 import numpy as np
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.history.changes import STEP, Change
 from tumblecal.history.repeatability import DAYS_A_MONTH, FEWEST, MOUNTING, TOGETHER, Trend, UnitHistory
+from tumblecal.show.figures.drawing import write_each
+from tumblecal.show.figures.history import FIGURES
+from tumblecal.show.history_list import listed
+from tumblecal.show.page import write_page
 from tumblecal.show.verdict import Finding, Verdict, as_sentence
 from tumblecal.show.words import Words, words_of
 
@@ -15,7 +20,11 @@ from tumblecal.show.words import Words, words_of
 def words_of_history(serial: str, history: UnitHistory, risk: float) -> Words:
     """The words of the history of a unit; block `findings`: each with its next step."""
     results, (months, limiting) = history.entries, history.interval(risk)
-    events = _events(history)
+    # Changes by kind, first and last result, the largest first: those of several parameters are one finding.
+    found = [(trend, change) for trend in history.trends for change in trend.changes]
+    events = dict[tuple[str, int, int], list[tuple[Trend, Change]]]()
+    for trend, change in sorted(found, key=lambda pair: -abs(pair[1].size) / pair[1].u):
+        events.setdefault((change.kind, change.first, change.last), []).append((trend, change))
     return words_of(
         "history",
         h=history,
@@ -37,15 +46,6 @@ def words_of_history(serial: str, history: UnitHistory, risk: float) -> Words:
         groups=GROUPS,
         finite=np.isfinite,
     )
-
-
-def _events(history: UnitHistory) -> dict[tuple[str, int, int], list[tuple[Trend, Change]]]:
-    """Changes by kind, first and last result, the largest first: those of several parameters are one finding."""
-    found = [(trend, change) for trend in history.trends for change in trend.changes]
-    events = dict[tuple[str, int, int], list[tuple[Trend, Change]]]()
-    for trend, change in sorted(found, key=lambda pair: -abs(pair[1].size) / pair[1].u):
-        events.setdefault((change.kind, change.first, change.last), []).append((trend, change))
-    return events
 
 
 def steps(words: Words) -> list[str]:
@@ -74,3 +74,9 @@ def history_text(words: Words) -> str:
     lines = [f"{words.text('unit')}: {finding}." for finding, _ in found]
     note = " +- is the standard uncertainty." * (" +- " in lines[0])
     return "\n".join([*lines, *(f"NEXT: {step}" for step in steps(words)), closing + note])
+
+
+def write_history(folder: Path, words: Words, history: UnitHistory) -> None:
+    """Write the page of a unit and its control charts."""
+    charts, tables = write_each(folder, FIGURES, history), {"results": listed(history.entries)}
+    write_page(folder / "history.html", words, charts, tables=tables, verdict=verdict_of_history(words))

@@ -16,9 +16,7 @@ def print_words(console: Console, words: str, style: str = "") -> None:
 
 def print_table(console: Console, table: Table) -> None:
     """Print a table; if it is too wide, in parts below one another."""
-    for header, rows in table.parts(console.width):
-        _print(console, "\n".join(header), "bold")
-        _print(console, "\n".join(rows))
+    _print(console, table.fitted(console.width))
 
 
 def _print(console: Console, text: str, style: str = "") -> None:

@@ -1,7 +1,8 @@
 """A designed plan for people: its words, `plan.html`, and its lines and tables on a terminal."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -9,9 +10,11 @@ from rich.console import Console
 from tumblecal.ground.units import factor
 from tumblecal.plan.bounds import GOOD
 from tumblecal.plan.design import DesignedPlan
-from tumblecal.plan.plan_files import capture_files, run_folder
+from tumblecal.plan.plan_files import capture_files, run_folder, write_files
 from tumblecal.plan.responses import MOUNT, PITCH
+from tumblecal.show.figures.plan import FIGURES
 from tumblecal.show.narrow import print_table, print_words
+from tumblecal.show.page import write_page
 from tumblecal.show.words import Words, words_of
 
 
@@ -79,3 +82,9 @@ def print_plan(words: Words) -> None:
     print_words(console, f"\n{instruction}")
     for command in commands:
         print_words(console, f"  {command}")
+
+
+def write_plan(folder: Path, plan: DesignedPlan, content: Mapping[str, Any], words: Words) -> list[str]:
+    """Write all files of a plan; `content`: of the rig file. Returns their names."""
+    names = write_files(folder, plan, content, list(plan_lines(words)), words.pairs("assumptions")[1:])
+    return names + write_page(folder / "plan.html", words, FIGURES, plan)

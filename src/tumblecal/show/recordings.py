@@ -69,6 +69,12 @@ def reduction_lines(dwells: "DwellSamples") -> Iterator[str]:
     yield from dwells.lines
 
 
+def interval_lines(dwells: "DwellSamples") -> list[str]:
+    """How attitudes were found: the number of intervals at rest, and those that were rejected."""
+    words = words_of_reduction(dwells)
+    return [*dwells.lines, *(line for block in ("intervals", "steps", "rejected") for line in words.lines(block))]
+
+
 def unusual_lines(reduction: "Reduction") -> list[str]:
     """What the checks of the dwells found that is unusual."""
     # Tables of means have no checks.
@@ -92,9 +98,12 @@ def noise_lines(reduction: "Reduction") -> list[str]:
     return [*(change.words() for change in reduction.within), *(f"noise {axis}: {words}" for axis, words in noise)]
 
 
-def mean_table(reduction: "Reduction") -> Table:
-    """The means of samples with their standard deviations, a row for each axis."""
+def print_means(reduction: "Reduction") -> None:
+    """Print the means of samples with their standard deviations, a row for each axis."""
+    from rich.console import Console
+
     from tumblecal.noise.dwell_sd import white_sd
+    from tumblecal.show.narrow import print_table
 
     data, rows = reduction.data, list[list[str]]()
     assert data.sd is not None
@@ -104,4 +113,4 @@ def mean_table(reduction: "Reduction") -> Table:
             rows.append([*place, axis, f"{mean * 1e3:+.3f}", f"{1e6 * sd:.1f}", f"{1e6 * white:.1f}"])
             place = [""] * 4
     titles = ["position", "alpha", "beta", "n", "axis", "mean\nmg", "its sd\nug", "sd/sqrt(n)\nug"]
-    return Table(titles, rows)
+    print_table(Console(), Table(titles, rows))

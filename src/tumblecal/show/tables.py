@@ -35,7 +35,11 @@ class Table:
         }
 
     def __str__(self) -> str:
-        return "\n".join(line for lines in self.parts() for part in lines for line in part)
+        return self.fitted()
+
+    def fitted(self, room: float = math.inf) -> str:
+        """The table as text; its parts with a blank line between them."""
+        return "\n\n".join("\n".join([*header, *rows]) for header, rows in self.parts(room))
 
     def parts(self, room: float = math.inf) -> Iterator[tuple[list[str], list[str]]]:
         """Lines of header and rows; if the columns do not fit into `room`, parts below one another, each with the first."""

@@ -1,17 +1,22 @@
-"""A temperature calibration for people: its words, and its table over temperature."""
+"""A temperature calibration for people: its words, its tables on a terminal, and its page."""
 
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 from tumblecal.data.sensor_parameters import SENSOR, UNITS, leaf_of
 from tumblecal.ground.numbers_shown import rounded
 from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.units import shown
+from tumblecal.show.figures.thermal import FIGURES
+from tumblecal.show.narrow import print_table
+from tumblecal.show.page import write_page
 from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of
 from tumblecal.thermal.estimates import known_at_reference, parameters_at, sd_at, varying
 from tumblecal.thermal.model import LEAVES
+from tumblecal.thermal.record import write_result
 from tumblecal.thermal.result import ThermalResult, measured_range
 from tumblecal.thermal.usual_sizes import HISTORY
 
@@ -72,3 +77,18 @@ def temperature_table(result: ThermalResult) -> Table:
         rows.append([name if known_at_reference(result, name) else f"change of {name}", unit, *cells])
     header = ["parameter", "unit", *(cell for end in degc for cell in (f"at {end:.1f} degC", "u"))]
     return Table(header, rows)
+
+
+def write_thermal(folder: Path, result: ThermalResult, words: Words) -> None:
+    """Write all files of a temperature calibration."""
+    write_result(folder, result, words.verdict.words().splitlines())
+    tables = {} if result.curves is None else {"temperature": temperature_table(result)}
+    write_page(folder / "thermal.html", words, FIGURES, result, tables=tables)
+
+
+def print_thermal(words: Words) -> None:
+    """Print the parameters of a temperature calibration."""
+    for name in ("reference", "coefficients"):
+        if table := words.table(name):
+            print()
+            print_table(Console(), table)

@@ -24,10 +24,10 @@ def words_of_units(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -
     """The words of units together; `units`: folder and summary line of each."""
     head = head_sizes(found, entries)
     levels, again = level_sizes(found, entries, units), {*found.nothing_of_their_own}
-    of_levels = {one["effect"] for one in levels}
+    of_levels = {one.effect for one in levels}
     sources = dict[tuple[str, float, float], list[str]]()
     for id, one in origins(found, entries).items():
-        sources.setdefault((one["belongs_to"], round(one["shared"], 3), round(one["by_unit"], 3)), []).append(id)
+        sources.setdefault((one.belongs_to, round(one.shared, 3), round(one.by_unit, 3)), []).append(id)
     causes = {k: row["causes"] for k, (_, row) in enumerate(units) if row.get("causes")}
     return words_of(
         "units_together",

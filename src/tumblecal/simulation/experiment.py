@@ -114,7 +114,11 @@ class Experiment(eqx.Module):
     def calibrated(self, truth: Float[Array, "free lanes"], noise: Float[Array, "positions 3 lanes"]) -> Trials:
         """Estimates from readings of these instruments with this noise, g."""
         fits = self._by_harmonics(truth, noise) if self.plan is not None else self._by_chain(truth, noise)
-        return _packed(truth, *fits)
+        values, chi2, converged = fits
+        rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
+        # Failed lanes contain finite numbers without meaning.
+        rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
+        return Trials(truth, rows[:-2], rows[-2], rows[-1] > 0.5)
 
     @property
     def one_instrument(self) -> bool:
@@ -153,13 +157,6 @@ class Experiment(eqx.Module):
         readings = jnp.moveaxis(self.true_readings(truth) + noise, 2, 0)
         fits = fit_chain(self.problem, self.shared, readings)
         return fits.values.T, fits.chi2, fits.converged
-
-
-def _packed(truth: Array, values: Array, chi2: Array, converged: Array) -> Trials:
-    """The block as returned; failed lanes contain finite numbers without meaning."""
-    rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
-    rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
-    return Trials(truth, rows[:-2], rows[-2], rows[-1] > 0.5)
 
 
 def experiment(
@@ -245,6 +242,13 @@ def experiment_of(
     readings = np.asarray(simulated(problem.where))
     check_sampler(draw_truth, chain.vector.shape, "truth")
     check_sampler(draw_noise, readings.shape, "noise")
+    # The part of the readings beyond mean, sine and cosine.
+    beyond = None
+    if not same and chosen is not None:
+        beyond = readings - np.asarray(chosen.synthesis(chosen.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
+    # Covariance of the estimates at the chain's own parameters, from the stated noise.
+    _, to_values = design(problem)
+    predicted_covariance = to_values @ to_values.T
     return Experiment(
         names=chain.names,
         units=chain.units,
@@ -255,10 +259,10 @@ def experiment_of(
         problem=problem,
         simulated=simulated,
         readings=readings,
-        beyond=None if same or chosen is None else _beyond(chosen, readings),
+        beyond=beyond,
         factor=factor if covariance is None else np.stack([square_root(part) for part in covariance]),
         sd=float(1.0 / np.max(np.abs(np.asarray(problem.whitening)))) if problem.whitening.ndim == 1 else float("nan"),
-        covariance=_predicted_covariance(problem),
+        covariance=predicted_covariance,
         path="chain" if chosen is None else "harmonic",
         reason=reason,
         plan=chosen,
@@ -279,17 +283,6 @@ def _without_readings(chain: Chain, where: Where, sd: float, priors: Priors | No
 def _drawn(mean: np.ndarray, root: np.ndarray, key: Array) -> Array:
     """A random instrument."""
     return jnp.asarray(mean) + jnp.asarray(root) @ jax.random.normal(key, (root.shape[1],))
-
-
-def _predicted_covariance(problem: Problem) -> np.ndarray:
-    """Covariance of the estimates at the chain's own parameters, from the stated noise."""
-    _, to_values = design(problem)
-    return to_values @ to_values.T
-
-
-def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
-    """The part of readings beyond mean, sine and cosine."""
-    return readings - np.asarray(plan.synthesis(plan.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
 
 
 def with_known_coefficients(link: Link) -> Link:

@@ -157,9 +157,9 @@ def fit_many(
 
     results = list(in_turn(program, blocks(), devices))
     parts = [[part[:size] for part in result] for result, size in zip(results, sizes, strict=True)]
-    values, chi2, converged = (
-        map(np.concatenate, zip(*parts, strict=True)) if parts else _none(len(problem.chain.names))
-    )
+    if not parts:
+        parts = [[np.zeros((0, len(problem.chain.names))), np.zeros(0), np.zeros(0, bool)]]
+    values, chi2, converged = map(np.concatenate, zip(*parts, strict=True))
     return _many(problem, one, values, chi2, converged)
 
 
@@ -251,7 +251,3 @@ def _many(problem: Problem, one: Experiment, values, chi2, converged, truth=None
     return ManyFits(
         one.names, one.units, values, chi2, converged, np.asarray(one.covariance), one.dof, problem.known, truth
     )
-
-
-def _none(free: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return np.zeros((0, free)), np.zeros(0), np.zeros(0, bool)

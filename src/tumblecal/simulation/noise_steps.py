@@ -71,7 +71,8 @@ def noise_steps(noise: Noise, dwells: Dwells) -> NoiseSteps:
         if isinstance(part, GaussMarkov) and apart[0] / part.time_s < -np.log(FORGOTTEN):
             rows.append(_exponential(part, dwells, apart[0], variance_of_mean))
         elif isinstance(part, RandomWalk):
-            rows.append(_walk(part, dwells, apart[0], variance_of_mean))
+            middle = (dwells.samples - 1) / 2 * dwells.period_s
+            rows.append((1.0, 1.0, [part.K**2 * apart[0], part.K**2 * middle, variance_of_mean], np.zeros(3)))
         else:
             white += variance_of_mean
     keep, reach, covariance, start = (np.array(column) for column in zip(*rows, strict=True)) if rows else _NOTHING
@@ -93,8 +94,3 @@ def _exponential(part: GaussMarkov, dwells: Dwells, apart_s: float, variance_of_
     variance = part.sd**2
     rows = [-np.expm1(-2 * apart_s / part.time_s) * variance, (forward - reach * keep) * variance]
     return keep, reach, [*rows, variance_of_mean - reach**2 * variance], part.sd
-
-
-def _walk(part: RandomWalk, dwells: Dwells, apart_s: float, variance_of_mean: np.ndarray):
-    middle = (dwells.samples - 1) / 2 * dwells.period_s
-    return 1.0, 1.0, [part.K**2 * apart_s, part.K**2 * middle, variance_of_mean], np.zeros(3)

@@ -88,7 +88,7 @@ class Linearization:
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """Sums of bias and of its square, its largest size and the number of instruments, by path and parameter."""
         case, size = divmod(chunk, len(self.sizes))
-        grows = np.array([_leaf(name) in list(CASES.values())[case] for name in self.names], float)
+        grows = np.array([name.rsplit("_", 1)[0] in list(CASES.values())[case] for name in self.names], float)
         parts = []
         for block in range(-(-self.table.instruments // BLOCK)):
             wanted = block * BLOCK + np.arange(BLOCK) < self.table.instruments
@@ -204,7 +204,3 @@ def crossing(sizes: np.ndarray, bias: np.ndarray, sd: float) -> float | None:
     logs = np.log(np.maximum(bias[first - 1 : first + 1], 1e-300))
     share = (np.log(sd) - logs[0]) / (logs[1] - logs[0])
     return float(np.exp(np.log(sizes[first - 1]) + share * np.log(sizes[first] / sizes[first - 1])))
-
-
-def _leaf(name: str) -> str:
-    return name.rsplit("_", 1)[0]

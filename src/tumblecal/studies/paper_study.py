@@ -77,9 +77,10 @@ def paper_study(seed: int = 0) -> PaperStudy:
     count = np.arange(1, sets + 1)[:, None, None]
     means = np.cumsum(readings, axis=0) / count
     first = PositionSet(plan.names, np.asarray(plan.alpha_deg), np.asarray(plan.beta_deg), readings[0])
-    single, gain, harmonics = _linear(first, readings)
-    noise = harmonics.covariance * SIMULATION_NOISE_G**2
+    harmonics = harmonic.analyse(problem_of(first))
+    gain, noise = harmonic.least_squares_estimator(harmonics), harmonics.covariance * SIMULATION_NOISE_G**2
     z = readings.reshape(sets, -1) @ harmonics.analysis.T - harmonics.ideal
+    single = z @ gain.T
     informed, _ = kalman.run(z, harmonics.design, noise, INFORMATIVE)
     diffuse, _ = kalman.run(z, harmonics.design, noise, DIFFUSE)
     each, of_means = _exact(first, readings), _exact(first, means)
@@ -112,13 +113,6 @@ def _early_error(z: np.ndarray, gain: np.ndarray, design: np.ndarray, noise: np.
             history, _ = kalman.run(part, design, noise, prior)
             errors.setdefault(f"Kalman, prior sd {prior.sd:g}", []).append((history.values - truth) / scale)
     return {name: np.sqrt(np.mean(np.square(each), axis=(0, 2))) for name, each in errors.items()}
-
-
-def _linear(first: PositionSet, readings: np.ndarray) -> tuple[Estimates, np.ndarray, harmonic.Harmonics]:
-    harmonics = harmonic.analyse(problem_of(first))
-    gain = harmonic.least_squares_estimator(harmonics)
-    z = readings.reshape(len(readings), -1) @ harmonics.analysis.T - harmonics.ideal
-    return z @ gain.T, gain, harmonics
 
 
 def _exact(first: PositionSet, readings: np.ndarray) -> Estimates:

@@ -16,7 +16,6 @@ from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes.cause import id_of
-from tumblecal.diagnosis.diagnose import Begun
 from tumblecal.effects.catalogue import entry
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
@@ -109,7 +108,10 @@ class Power:
                 begun = self._diagnoser.begun(data, noise_sd=self.sd if self.table.noise_stated else None)
         except InputError:
             return np.array([1.0, 0.0, 0.0, 0.0, 1.0])
-        return np.array([1.0, *_judged(begun, self.points[point][0]), 0.0])
+        # Detected; named among the best explanation or its equivalents; named alone, as the one cause.
+        effect, labels, detected = self.points[point][0], tuple(map(id_of, begun.labels)), not begun.adequate
+        among = {id_of(label) for names in begun.screened.best.equivalents for label in names} | set(labels)
+        return np.array([1.0, detected, detected and effect in among, detected and labels == (effect,), 0.0], float)
 
     def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
         """Rates of detection and naming for each effect and size.
@@ -131,10 +133,3 @@ class Power:
 
 def _readings_of(chain: Chain, where: Where, vector: jax.Array) -> jax.Array:
     return chain.at(vector)(where)
-
-
-def _judged(begun: Begun, effect: str) -> tuple[float, float, float]:
-    """Detected; named among the best explanation or its equivalents; named alone, as the one cause."""
-    labels, detected = tuple(id_of(label) for label in begun.labels), not begun.adequate
-    among = {id_of(label) for names in begun.screened.best.equivalents for label in names} | set(labels)
-    return float(detected), float(detected and effect in among), float(detected and labels == (effect,))

@@ -1,12 +1,11 @@
 """The model of a table: leaves that its attitudes determine, orders of their functions, signals that are not of temperature."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tumblecal.chain.following import CHANGE
-from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.priors import Priors
@@ -20,6 +19,7 @@ from tumblecal.thermal.hysteresis import FORMS, forms_of
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel
 from tumblecal.thermal.orders import Search, above_hysteresis, chains_of, confirmed, unseparated
 from tumblecal.thermal.signals import NAMES
+from tumblecal.thermal.stated import Stated
 from tumblecal.thermal.usual_sizes import AT_REFERENCE, SLOPE
 
 
@@ -31,21 +31,6 @@ _SHOWN = 3
 _DETERMINED = 0.5
 # Usual size of angles of attitudes and mountings, rad: not known.
 _ANGLE = 1.0
-
-
-@dataclass(frozen=True)
-class Stated:
-    """What the user states; the rest is chosen.
-
-    - `orders`: highest order by leaf (0: constant). `knots_degc`: knots by leaf. `reference_degc`: of all functions.
-    - `base`: a calibration of the unit, for parameters that the attitudes do not determine. Its temperature is the reference
-      if it was measured.
-    """
-
-    orders: Mapping[str, int] = field(default_factory=dict)
-    knots_degc: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    reference_degc: float | None = None
-    base: Calibration | None = None
 
 
 @dataclass(frozen=True)
@@ -121,7 +106,8 @@ def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
         temperatures = _in_one_attitude(table)
         functions = {leaf: _functions(table, leaf, stated, temperatures, reference) for leaf in LEAVES}
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}
-    largest = ThermalModel(table, functions, free, fixed=_values(base), priors=_priors(free, base))
+    fixed = {} if base is None else dict(zip(base.names, base.values.tolist(), strict=True))
+    largest = ThermalModel(table, functions, free, fixed=fixed, priors=_priors(free, base))
     forced = {leaf: functions[leaf].count for leaf in functions if leaf in stated.orders or leaf in stated.knots_degc}
     forced |= {leaf: 0 for leaf, order in stated.orders.items() if order == 0}
     return _chosen(largest, forced, reference)
@@ -189,10 +175,6 @@ def _priors(free: tuple[str, ...], base: SensorParameters | None) -> Priors:
         return {leaf: (0.0, AT_REFERENCE[leaf]) for leaf in SENSOR_LEAVES if leaf not in free or leaf == "gamma"}
     known = base.of(names)
     return {names: (known.values, known.covariance)}
-
-
-def _values(base: SensorParameters | None) -> dict[str, float]:
-    return {} if base is None else dict(zip(base.names, base.values.tolist(), strict=True))
 
 
 def selected(design: Design, table: ThermalTable, highest: Mapping[str, int], forced: Mapping[str, int]) -> Selection:

@@ -10,7 +10,7 @@ compared; the parameters over temperature are those of the middle between the br
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from tumblecal.recordings.thermal.thermal_table import ThermalTable
 
@@ -28,7 +28,10 @@ def forms_of(table: ThermalTable) -> dict[str, list[Float[np.ndarray, " rows"]]]
     share = 2 * (table.temperature_degc - low) / (high - low) - 1
     direction = np.asarray(table.reached_by, float)
     # A soak at a reversal is on both branches.
-    closed = np.where(_reversal(table), 0.0, direction) * (1 - share**2)
+    reversal = np.zeros(len(table), bool)
+    for rows in _histories(table):
+        reversal[rows[:-1]] = table.soak[rows[:-1]] & (direction[rows[:-1]] * direction[rows[1:]] < 0)
+    closed = np.where(reversal, 0.0, direction) * (1 - share**2)
     forms = (
         [direction * shape for shape in (np.ones(len(table)), share, share**2 - 1 / 3)],
         [closed * shape for shape in (np.ones(len(table)), share, share**2 - 1 / 5)],
@@ -42,14 +45,6 @@ def _histories(table: ThermalTable) -> list[np.ndarray]:
     labels = np.array([f"{a}\n{c}" for a, c in zip(table.attitude, table.clock, strict=True)])
     parts = [np.flatnonzero(labels == label) for label in dict.fromkeys(labels.tolist())]
     return [rows[np.argsort(table.time_s[rows], kind="stable")] for rows in parts]
-
-
-def _reversal(table: ThermalTable) -> Bool[np.ndarray, " rows"]:
-    """Soaks after which the temperature changes in the other direction."""
-    found, direction = np.zeros(len(table), bool), np.asarray(table.reached_by)
-    for rows in _histories(table):
-        found[rows[:-1]] = table.soak[rows[:-1]] & (direction[rows[:-1]] * direction[rows[1:]] < 0)
-    return found
 
 
 def _stop_operator(table: ThermalTable, width_degc: float) -> Float[np.ndarray, " rows"]:

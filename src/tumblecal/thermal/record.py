@@ -74,7 +74,7 @@ class ThermalRecord(ResultRecord):
     words: list[str]
 
 
-def write_thermal(folder: Path, result: ThermalResult, words: Sequence[str]) -> list[str]:
+def write_result(folder: Path, result: ThermalResult, words: Sequence[str]) -> list[str]:
     """Write the result without its page; `words`: the verdict. Returns the names of the files."""
     write_calibration(folder / "calibration.json", result.calibration)
     ThermalRecord.of(result, words=words).write(folder / "thermal.json")

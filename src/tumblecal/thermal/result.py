@@ -22,11 +22,12 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.record import table
 from tumblecal.recordings.thermal.thermal_table import SDS, ThermalTable
 from tumblecal.thermal import signals as kinds
-from tumblecal.thermal.choice import Choice, Stated, chosen_model
+from tumblecal.thermal.choice import Choice, chosen_model
 from tumblecal.thermal.expanded import Test, expanded_g, span_of_bias
 from tumblecal.thermal.held_out import HeldOut, between_recordings, held_out
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES
 from tumblecal.thermal.orders import OF_HYSTERESIS, chains_of
+from tumblecal.thermal.stated import Stated
 from tumblecal.thermal.usual_sizes import HISTORY
 
 
@@ -143,7 +144,11 @@ def _fitted(choice: Choice) -> tuple[Fit, Test]:
         model = replace(model, table=replace(table, frame=table.frame.with_columns(pl.col(SDS) * factor)))
         fit = exact.fit(model.problem, fit.values)
     unchosen = sum(choice.design.families[leaf].shape[1] for leaf in choice.highest if not choice.orders.get(leaf))
-    return fit, Test(factor, float(misfit_g), dof - unchosen - _repeated(table))
+    # Readings that repeat others: an attitude with a small part of the range is one size of gravity.
+    labels, least = np.array(table.attitude), _OF_RANGE * float(np.ptp(table.temperature_degc))
+    parts = [table.temperature_degc[labels == name] for name in table.attitudes]
+    repeated = 3 * sum(len(degc) - 1 for degc in parts if np.ptp(degc) < least)
+    return fit, Test(factor, float(misfit_g), dof - unchosen - repeated)
 
 
 def _misfit_of_attitudes(table: ThermalTable, fit: Fit, priors: float) -> float:
@@ -163,13 +168,6 @@ def _misfit_of_attitudes(table: ThermalTable, fit: Fit, priors: float) -> float:
 def noise_of(table: ThermalTable) -> float:
     """Standard deviation of the readings of a table, root mean square, g."""
     return float(np.sqrt(np.mean(table.sd**2)))
-
-
-def _repeated(table: ThermalTable) -> int:
-    """The number of readings that repeat others: an attitude with a small part of the range is one size of gravity."""
-    labels, least = np.array(table.attitude), _OF_RANGE * float(np.ptp(table.temperature_degc))
-    parts = [table.temperature_degc[labels == name] for name in table.attitudes]
-    return 3 * sum(len(degc) - 1 for degc in parts if np.ptp(degc) < least)
 
 
 def _found(fit: Fit, given: kinds.Signals, order: int, choice: Choice) -> FoundSignal:

@@ -39,7 +39,16 @@ class Signals:
 def of_table(table: ThermalTable) -> tuple[Signals, ...]:
     """Hysteresis, rate and drift, as far as the table can show them."""
     found = [_on_axes(name, "g", shapes) for name, shapes in forms_of(table).items()]
-    return (*found, *(signals for signals in (_rate(table), _drift(table)) if signals is not None))
+    if _varies(table.rate_degc_per_s):
+        found.append(_on_axes("temperature_rate", "g/(degC/s)", [table.rate_degc_per_s], scale=0.1))
+    # Time since the first row of each clock, h.
+    hours = np.zeros(len(table))
+    for clock in set(table.clock):
+        here = np.array([label == clock for label in table.clock])
+        hours[here] = (table.time_s[here] - np.min(table.time_s[here])) / 3600
+    if _varies(hours):
+        found.append(_on_axes("drift", "g/h", [hours]))
+    return tuple(found)
 
 
 def kind(name: str) -> str:
@@ -58,21 +67,6 @@ def lag(table: ThermalTable, slope: Float[np.ndarray, "rows 3"]) -> Signals | No
         return None
     signal = -table.rate_degc_per_s[:, None] * slope
     return Signals("temperature_lag", ("",), "s", signal[None, None], scale=10.0)
-
-
-def _rate(table: ThermalTable) -> Signals | None:
-    if not _varies(table.rate_degc_per_s):
-        return None
-    return _on_axes("temperature_rate", "g/(degC/s)", [table.rate_degc_per_s], scale=0.1)
-
-
-def _drift(table: ThermalTable) -> Signals | None:
-    """Time since the first row of each clock, h."""
-    hours = np.zeros(len(table))
-    for clock in set(table.clock):
-        here = np.array([label == clock for label in table.clock])
-        hours[here] = (table.time_s[here] - np.min(table.time_s[here])) / 3600
-    return _on_axes("drift", "g/h", [hours]) if _varies(hours) else None
 
 
 def _on_axes(name: str, unit: str, shapes: list[np.ndarray], scale: float = 1e-3) -> Signals:

@@ -3,6 +3,7 @@
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from tumblecal.capture.chamber.chamber import Chamber
 from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import Arrived
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.strict_toml import checked
 
 
 OPERATOR = "operator"
@@ -19,6 +21,30 @@ OPERATOR = "operator"
 _FEWEST = 3
 # Seconds of the device's time from an answer of the chamber to the next query.
 _QUERY_S = 5.0
+
+
+# Options of a call, and keys of the plan.
+_CRITERION = {
+    "soak_tolerance": "tolerance_degc",
+    "soak_rate": "rate_degc_per_min",
+    "soak_minutes": "stable_min",
+    "soak_timeout": "timeout_min",
+}
+
+
+def with_temperatures(plan: CapturePlan, chamber: str | None = None, **soak: float | None) -> CapturePlan:
+    """The plan with a chamber at a port (or the `operator`), and a criterion of a stable temperature; None: as in the plan.
+
+    **Raises:** `InputError` for a value that is not above 0, or for options that the plan does not need.
+    """
+    stated = {_CRITERION[name]: value for name, value in soak.items() if value is not None}
+    if (stated or chamber is not None) and not plan.over_temperature:
+        raise InputError(
+            "capture: the plan requests no temperature; remove --chamber and --soak-..., or add positions.temperature_degc"
+        )
+    criterion = checked(Path("--soak-..."), plan.soak.model_dump() | stated, SoakTable)
+    url = plan.chamber.url if chamber is None else "" if chamber == OPERATOR else chamber
+    return plan.model_copy(update={"soak": criterion, "chamber": plan.chamber.model_copy(update={"url": url})})
 
 
 class Stability:

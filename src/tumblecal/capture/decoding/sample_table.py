@@ -1,6 +1,6 @@
 """Samples as a table on disk, written in pieces: CSV, or Parquet by row groups; the file is complete or absent."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -39,13 +39,8 @@ def write_frames(
     frames: Iterator[pl.DataFrame],
     schema: pl.Schema,
     comments: Mapping[str, str] | None = None,
-    lines: Sequence[str] | None = None,
 ) -> None:
     """Write a table in pieces, .parquet (comments as metadata) or CSV by the name; the file is complete or absent.
-
-    **Arguments:**
-
-    - `lines`: the comment lines before a CSV table, if they are not `# key: value`.
 
     **Raises:** `InputError` if it cannot be written; exceptions of `frames` are passed on, and no file remains.
     """
@@ -59,9 +54,8 @@ def write_frames(
                 rows.sink_parquet(aside, row_group_size=_ROW_GROUP, compression="lz4", metadata=metadata)
                 put_checksum(aside)
                 return
-            lines = [f"# {key}: {value}" for key, value in (comments or {}).items()] if lines is None else lines
             with aside.open("wb") as file:
-                file.writelines(f"{line}\n".encode() for line in lines)
+                file.writelines(f"# {key}: {value}\n".encode() for key, value in (comments or {}).items())
                 file.flush()
                 rows.with_columns(all_as_text()).sink_csv(file)
         except (OSError, pl.exceptions.ComputeError) as error:

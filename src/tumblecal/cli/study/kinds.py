@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from tumblecal.cli.options import EffectFiles
-from tumblecal.cli.study.running import Number, Running, StudySeed, run_study
+from tumblecal.cli.study.running import run_study
+from tumblecal.cli.study.study_options import Number, Running
 
 
 def coverage(
@@ -11,9 +11,7 @@ def coverage(
     /,
     *,
     trials: Number = None,
-    seed: StudySeed = None,
     raw: bool = False,
-    effects: EffectFiles = (),
     running: Running,
 ) -> None:
     """Check estimates and their stated uncertainties: estimation bias, dispersion, chi2, interval coverage.
@@ -27,12 +25,10 @@ def coverage(
     raw
         Simulation of each sample of each dwell, instead of position means with their exact covariance.
     """
-    run_study("coverage", config, {"trials": trials, "seed": seed, "raw": raw or None}, running, effects)
+    run_study("coverage", config, {"trials": trials, "raw": raw or None}, running)
 
 
-def convergence(
-    config: Path, /, *, runs: Number = None, seed: StudySeed = None, effects: EffectFiles = (), running: Running
-) -> None:
+def convergence(config: Path, /, *, runs: Number = None, running: Running) -> None:
     """Find the number of data sets that each method needs for a given error.
 
     Parameters
@@ -42,12 +38,10 @@ def convergence(
     runs
         Number of runs. Default: that of the file. Example: --runs 100.
     """
-    run_study("convergence", config, {"runs": runs, "seed": seed}, running, effects)
+    run_study("convergence", config, {"runs": runs}, running)
 
 
-def linearization(
-    config: Path, /, *, instruments: Number = None, seed: StudySeed = None, effects: EffectFiles = (), running: Running
-) -> None:
+def linearization(config: Path, /, *, instruments: Number = None, running: Running) -> None:
     """Find the largest errors for which the small-angle equations are adequate.
 
     Parameters
@@ -57,12 +51,10 @@ def linearization(
     instruments
         Number of random instruments for each size. Default: that of the file. Example: --instruments 50.
     """
-    run_study("linearization", config, {"instruments": instruments, "seed": seed}, running, effects)
+    run_study("linearization", config, {"instruments": instruments}, running)
 
 
-def power(
-    config: Path, /, *, runs: Number = None, seed: StudySeed = None, effects: EffectFiles = (), running: Running
-) -> None:
+def power(config: Path, /, *, runs: Number = None, running: Running) -> None:
     """Find how often the diagnosis detects effects of given sizes, and identifies them correctly.
 
     Parameters
@@ -72,12 +64,10 @@ def power(
     runs
         Number of runs for each effect and size. Default: that of the file. Example: --runs 100.
     """
-    run_study("power", config, {"runs": runs, "seed": seed}, running, effects)
+    run_study("power", config, {"runs": runs}, running)
 
 
-def sweep(
-    config: Path, /, *, trials: Number = None, seed: StudySeed = None, effects: EffectFiles = (), running: Running
-) -> None:
+def sweep(config: Path, /, *, trials: Number = None, running: Running) -> None:
     """Run a coverage study at every point of a grid.
 
     Parameters
@@ -87,4 +77,4 @@ def sweep(
     trials
         Number of trials at each point. Default: that of the file. Example: --trials 1000.
     """
-    run_study("sweep", config, {"trials": trials, "seed": seed}, running, effects)
+    run_study("sweep", config, {"trials": trials}, running)

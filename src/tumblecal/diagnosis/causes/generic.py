@@ -256,22 +256,18 @@ def _of_settings(
 ) -> tuple[Float[np.ndarray, "positions waves"], Float[np.ndarray, "positions grouped"]]:
     """Harmonics, and what is of one group alone; `groups`: pitch setting, run and mounting of every position."""
     waves = _sines(np.array(alpha)[:, None] * np.array(HARMONICS))
-    return waves, np.concatenate([*_grouped(plan, groups, waves)], axis=1)
+    grouped = list[np.ndarray]()
+    # Harmonics at one pitch setting; constants of one run or mounting.
+    for column, own in zip(("pitch", "run", "mount"), groups, strict=True):
+        here = (np.array(own)[:, None] == np.array(getattr(plan, column), int)).astype(float)[:, :, None]
+        of_group = np.concatenate([here, here * waves[:, None]], axis=2) if column == "pitch" else here
+        grouped.append(of_group.reshape(len(waves), -1))
+    return waves, np.concatenate(grouped, axis=1)
 
 
 def _sines(angles: Float[np.ndarray, "positions orders"]) -> Float[np.ndarray, "positions waves"]:
     """Sine and cosine of each angle in turn."""
     return np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(angles), -1)
-
-
-def _grouped(
-    plan: _Plan, groups: tuple[tuple[int, ...], ...], waves: Float[np.ndarray, "positions waves"]
-) -> Iterator[np.ndarray]:
-    """Harmonics at one pitch setting; constants of one run or mounting."""
-    for column, own in zip(("pitch", "run", "mount"), groups, strict=True):
-        here = (np.array(own)[:, None] == np.array(getattr(plan, column), int)).astype(float)[:, :, None]
-        of_group = np.concatenate([here, here * waves[:, None]], axis=2) if column == "pitch" else here
-        yield of_group.reshape(len(waves), -1)
 
 
 def _in_time(where: Where, inputs: Float[np.ndarray, "positions 3"]) -> Iterator[np.ndarray]:

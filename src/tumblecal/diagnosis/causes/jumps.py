@@ -1,8 +1,6 @@
 """Permanent changes at some position: a bias that jumps, a mount that slips. Their descriptions are in
 effects/procedure.py."""
 
-from functools import lru_cache
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -41,17 +39,11 @@ def jumps(at: Tangent) -> list[CauseTable]:
 
 def _mount_angles(at: Tangent) -> Float[np.ndarray, "positions 3 3"] | None:
     """What the mount's three angles do to every position, g; None where they are not all free."""
-    columns = _mount_columns(at.model.names)
+    leaves = [name.partition("@")[0] for name in at.model.names]
+    columns = [[k for k, name in enumerate(leaves) if name == f"dtheta_{axis}"] for axis in AXES]
     if not all(columns):
         return None
     return np.stack([at.evaluation.jacobian[:, :, own].sum(axis=2) for own in columns], axis=2)
-
-
-@lru_cache(maxsize=64)
-def _mount_columns(names: tuple[str, ...]) -> list[list[int]]:
-    """The parameters of each of the mount's angles."""
-    leaves = [name.partition("@")[0] for name in names]
-    return [[k for k, name in enumerate(leaves) if name == f"dtheta_{axis}"] for axis in AXES]
 
 
 def _beginning(

@@ -132,22 +132,20 @@ def _in_time(order: Float[np.ndarray, " positions"], pitch: Int[np.ndarray, " po
     here = pitch == np.unique(pitch)[:, None]
     within = np.stack([np.where(own, _scaled(order, own), np.inf) for own in here])
     stretches = [f"index angle: any sequence of positions at pitch setting {own + 1}" for own in np.unique(pitch)]
-    middles, widths, numbers = _middles(len(order))
+    # The middle of each stretch of positions, its width, and the number of the position there.
+    listed = [(float(middle), width) for width, many in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, many)]
+    numbers = [round((middle + 1) / 2 * (len(order) - 1)) + 1 for middle, _ in listed]
+    middles, widths = np.array(listed).T
     away = (_scaled(order, np.ones(len(order), bool)) - middles[:, None]) / (2 * widths[:, None])
     for_a_while = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
+    # Piecewise linear functions of what lies between -1 and 1.
+    knots = np.linspace(-1.0, 1.0, _KNOTS)
+    hats = np.maximum(1.0 - np.abs(within[..., None] - knots) / (knots[1] - knots[0]), 0.0)
     return [
-        _Shapes(stretches, True, 1, _hats(within).swapaxes(1, 2)),
+        _Shapes(stretches, True, 1, hats.swapaxes(1, 2)),
         _Shapes([f"the outputs near the {number}th position" for number in numbers], False, 3, for_a_while),
         _Shapes([f"a rotation of the triad near the {number}th position" for number in numbers], True, 3, for_a_while),
     ]
-
-
-@lru_cache(maxsize=64)
-def _middles(count: int) -> tuple[Float[np.ndarray, " stretches"], Float[np.ndarray, " stretches"], tuple[int, ...]]:
-    """The middle of each stretch of so many positions, its width, and the number of the position there."""
-    listed = [(float(middle), width) for width, many in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, many)]
-    numbers = tuple(round((middle + 1) / 2 * (count - 1)) + 1 for middle, _ in listed)
-    return *np.array(listed).T, numbers
 
 
 def products(
@@ -163,9 +161,3 @@ def _scaled(
     """Values such that those `here` lie between -1 and 1."""
     low, high = values[here].min(), values[here].max()
     return 2 * (values - low) / max(high - low, 1e-12) - 1
-
-
-def _hats(values: Float[np.ndarray, "*sets positions"]) -> Float[np.ndarray, "*sets positions knots"]:
-    """Piecewise linear functions of what lies between -1 and 1."""
-    knots = np.linspace(-1.0, 1.0, _KNOTS)
-    return np.maximum(1.0 - np.abs(values[..., None] - knots) / (knots[1] - knots[0]), 0.0)

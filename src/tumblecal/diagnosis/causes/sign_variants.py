@@ -6,7 +6,6 @@ mount can cause is a variant with a row of its own; the exact fit with a variant
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +24,8 @@ NEAR_ZERO = 0.1
 _MOST_UNSURE, _MOST_TOGETHER = 40, 3000
 # An input with a fixed sign is at this distance (g) from zero, pulled there by this weight (1/g).
 _FROM_ZERO, _HELD = 1e-6, 1e8
+# Step of finite differences, in scaled parameters.
+_STEP = 1e-3
 
 
 def sign_variants(at: Tangent) -> list[CauseTable]:
@@ -61,7 +62,11 @@ def sign_choices(at: Tangent, column: int) -> Float[np.ndarray, "choices positio
         if not 0 < len(unsure) <= _MOST_UNSURE:
             continue
         unsure = unsure[np.argsort(np.asarray(where.alpha)[unsure], kind="stable")]
-        arcs = _arcs(len(unsure))
+        # Signs of a sine with an offset at these angles in turn: one arc of minus, the rest plus.
+        count = len(unsure)
+        start, number, length = np.ix_(range(count), range(count), range(count + 1))
+        inside = (number - start) % count < length
+        arcs = np.unique(np.where(inside, -1.0, 1.0).swapaxes(1, 2).reshape(-1, count), axis=0)
         separate.append(np.repeat(signs[:1], len(arcs), axis=0))
         separate[-1][:, unsure] = arcs
         if len(signs) * len(arcs) <= _MOST_TOGETHER:
@@ -107,7 +112,10 @@ def start_with_signs(
             rows[:, moved] = jump_signals(at, column, cause.signs[None])[:, 0] * directions[column, moved]
             wanted.append((cause.signs, at.evaluation.inputs[:, output]))
             turned.append(output)
-    slopes = _input_slopes(at, directions)[:, turned]
+    # Change of the inputs (g) for a step along each direction, by finite differences.
+    near = at.vector + _STEP * at.model.scales * directions.T
+    changes = [(at.model.inputs(at.problem.where, own) - at.evaluation.inputs) / _STEP for own in near]
+    slopes = np.stack(changes, axis=2)[:, turned]
     slopes = slopes.transpose(1, 0, 2).reshape(-1, directions.shape[1])
     signs, inputs = (np.concatenate(each) for each in zip(*wanted, strict=True))
     held = np.zeros(len(signs), bool)
@@ -122,18 +130,3 @@ def start_with_signs(
             vector = model.with_nominal(at.vector[: model.nominal])
             return vector + model.scales * (directions @ step)
         held |= astray
-
-
-def _input_slopes(at: Tangent, directions: Float[np.ndarray, "full moved"]) -> Float[np.ndarray, "positions 3 moved"]:
-    """Change of the inputs (g) for a step along each direction, by finite differences."""
-    step = 1e-3
-    moved = at.vector + step * at.model.scales * directions.T
-    return np.stack([(at.model.inputs(at.problem.where, own) - at.evaluation.inputs) / step for own in moved], axis=2)
-
-
-@lru_cache(maxsize=16)
-def _arcs(count: int) -> Float[np.ndarray, "arcs count"]:
-    """Signs of a sine with an offset at these angles in turn: one arc of minus, the rest plus."""
-    first, number, length = np.ix_(range(count), range(count), range(count + 1))
-    inside = (number - first) % count < length
-    return np.unique(np.where(inside, -1.0, 1.0).swapaxes(1, 2).reshape(-1, count), axis=0)

@@ -4,7 +4,7 @@
 second, is two findings: a bias that follows the time or the temperature, and a quadratic response of z.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from typing import NamedTuple
 
@@ -84,14 +84,12 @@ def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.n
     for label, polynomial in powers:
         whole.setdefault(polynomial or (label,), []).append(label)
     replaced = (exchange.removed for exchange in listed)
-    return tuple([_factor(part, listed, reason) for part in parts(best.labels, [*replaced, *whole.values()])])
-
-
-def _factor(part: Labels, listed: Sequence[Exchange], reason: Callable[[Exchange], Reason]) -> Factor:
-    """The factor of some causes of the leading explanation."""
-    within = [exchange for exchange in listed if exchange.removed <= {*part}]
-    others = [tuple(sorted({*part} - exchange.removed | exchange.added)) for exchange in within]
-    return Factor((part, *others), tuple(map(reason, within)))
+    factors = []
+    for part in parts(best.labels, [*replaced, *whole.values()]):
+        within = [exchange for exchange in listed if exchange.removed <= {*part}]
+        others = [tuple(sorted({*part} - exchange.removed | exchange.added)) for exchange in within]
+        factors.append(Factor((part, *others), tuple(map(reason, within))))
+    return tuple(factors)
 
 
 def _of_columns(exchange: Exchange, entries: Catalogue, columns: Mapping[str, np.ndarray]) -> Reason | None:

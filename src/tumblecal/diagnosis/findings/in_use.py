@@ -69,7 +69,11 @@ def in_use(
     named = directions.of({cause.slot.id for explanation in weighed for cause in explanation.members})
     removed = named
     if screened.detection.detected:
-        removed = named | directions.of(_not_of_sensor(screened, entries))
+        # The effects that no calibration file contains, as they are no property of the sensor; a user's effect without `forms`
+        # is not one of them.
+        slots = [slot for slot in screened.at.model.slots if slot.id]
+        reasons = {slot.id: reason_not_held(entries[slot.id], slot.links) for slot in slots}
+        removed = named | directions.of({id for id, reason in reasons.items() if reason not in ("", NO_FORMS)})
     # What is no effect is undone in a fit: explanations with the same faults have one linearisation.
     by_faults: dict[tuple[str, ...], list[Weighed]] = {}
     for explanation in weighed:
@@ -102,13 +106,6 @@ def in_use(
 def _names(weighed: Sequence[Weighed]) -> tuple[str, ...]:
     """Names of the nominal parameters, then of every coefficient that one of some explanations has."""
     return tuple(dict.fromkeys(name for explanation in weighed for name in explanation.fit.names))
-
-
-def _not_of_sensor(screened: Screened, entries: Catalogue) -> set[str]:
-    """The effects that no calibration file contains, as they are no property of the sensor; a user's effect without `forms` is
-    not one of them."""
-    reasons = {slot.id: reason_not_held(entries[slot.id], slot.links) for slot in screened.at.model.slots if slot.id}
-    return {id for id, reason in reasons.items() if reason not in ("", NO_FORMS)}
 
 
 def _faults(members: Sequence[Cause]) -> tuple[str, ...]:

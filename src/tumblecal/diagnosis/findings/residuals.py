@@ -97,20 +97,15 @@ def predictive(fit: Fit) -> list[Check]:
     simulated = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     values = _statistics(fit, fit.rows[:, None])
     # The limits share the one percent between the statistics.
-    limits = _quantiles(np.stack(list(simulated.values())), (_TAIL, 1 - _TAIL, *QUANTILES)).tolist()
+    ordered = np.sort(np.stack(list(simulated.values())), axis=1)
+    place = np.array((_TAIL, 1 - _TAIL, *QUANTILES)) * (ordered.shape[1] - 1)
+    lower = np.minimum(place.astype(int), ordered.shape[1] - 2)
+    # As `np.quantile`; one sort is quicker than many partitions.
+    limits = (ordered[:, lower] + (ordered[:, lower + 1] - ordered[:, lower]) * (place - lower)).tolist()
     return [
         Check(name, float(values[name][0]), low, high, tuple(between))
         for name, (low, high, *between) in zip(simulated, limits, strict=True)
     ]
-
-
-def _quantiles(
-    draws: Float[np.ndarray, "statistics draws"], probabilities: tuple[float, ...]
-) -> Float[np.ndarray, "statistics probabilities"]:
-    """As `np.quantile`; one sort is quicker than many partitions."""
-    ordered, place = np.sort(draws, axis=1), np.array(probabilities) * (draws.shape[1] - 1)
-    low = np.minimum(place.astype(int), draws.shape[1] - 2)
-    return ordered[:, low] + (ordered[:, low + 1] - ordered[:, low]) * (place - low)
 
 
 def simulated_residuals(fit: Fit) -> Iterator[Float[np.ndarray, "rows draws"]]:
@@ -227,7 +222,13 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
                 waves[-1][at_setting] = values
     if not listed:
         return []
-    rows = _combinations(np.array(waves), fit)
+    # The combinations of white rows that are the sums of each axis's residuals (g) times each wave.
+    of_axis = np.array(waves).T[:, None, None] * np.eye(3)[None, :, :, None]
+    flat, whitening = of_axis.reshape(fit.residuals.size, -1), np.asarray(fit.problem.whitening)
+    correlated = whitening.ndim > 1
+    flat = np.linalg.solve(fit.problem.whitening_matrix.T, flat) if correlated else flat / whitening[:, None]
+    padded = np.concatenate([flat, np.zeros((len(fit.rows) - len(flat), flat.shape[1]))])
+    rows = padded.reshape(-1, 3, len(waves))
     sizes = np.linalg.norm(rows - np.einsum("rk,kaw->raw", q, np.einsum("rk,raw->kaw", q, rows)), axis=0)
     seen, sums = sizes / np.linalg.norm(rows, axis=0), np.einsum("raw,r->aw", rows, fit.rows)
     in_sd = np.where(seen > VISIBLE, sums / np.maximum(sizes * level, 1e-300), np.nan).tolist()
@@ -236,15 +237,6 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
         for k, wave in enumerate(listed)
         for axis, name in enumerate(AXES)
     ]
-
-
-def _combinations(waves: Float[np.ndarray, "waves positions"], fit: Fit) -> Float[np.ndarray, "rows 3 waves"]:
-    """The combinations of white rows that are the sums of each axis's residuals (g) times each wave."""
-    of_axis = waves.T[:, None, None] * np.eye(3)[None, :, :, None]
-    flat, whitening = of_axis.reshape(fit.residuals.size, -1), np.asarray(fit.problem.whitening)
-    correlated = whitening.ndim > 1
-    flat = np.linalg.solve(fit.problem.whitening_matrix.T, flat) if correlated else flat / whitening[:, None]
-    return np.concatenate([flat, np.zeros((len(fit.rows) - len(flat), flat.shape[1]))]).reshape(-1, 3, len(waves))
 
 
 def normal_quantiles(fit: Fit) -> NormalQuantiles:

@@ -122,7 +122,7 @@ def excess(whole: ResidualSpace, fit: Fit, law: Law | None) -> Excess:
     """
     where, residuals = fit.problem.where, np.asarray(fit.residuals)
     for form in _regions(whole, where):
-        inside = _inside(form, where)
+        inside = values_of([form], where, np.zeros((len(np.asarray(where.alpha)), 3)))[0] > 0
         if _acts_outside(law, inside):
             continue
         if _explains(whole.without(whole.of_positions(inside)), where):
@@ -154,10 +154,6 @@ def _ranges(values: Float[np.ndarray, "inside 3"], sd: Float[np.ndarray, "inside
         if sure[k]
     ]
     return tuple(sorted(listed, key=lambda errors: -errors.largest))
-
-
-def _inside(form: Form, where: Where) -> Bool[np.ndarray, " positions"]:
-    return values_of([form], where, np.zeros((len(np.asarray(where.alpha)), 3)))[0] > 0
 
 
 def _regions(whole: ResidualSpace, where: Where) -> list[Form]:

@@ -98,8 +98,16 @@ def of_readings(
     """Variables that depend on the readings: the attitude; the attitude and what changes slowly; the side to which gravity
     pulls; what is touched on one side; the inputs; the temperature."""
     gravity = inputs / np.sqrt(np.vecdot(inputs, inputs))[:, None]
-    of_gravity, (steps, ramps), thermal = _smooth(gravity / ATTITUDE_LENGTH), _sides(gravity), _by_temperature(where)
-    slowly = {"the time": _slowly(order)} | thermal
+    of_gravity, thermal = _smooth(gravity / ATTITUDE_LENGTH), _Kernels()
+    if where.temperature_degc is not None and np.ptp(np.asarray(where.temperature_degc)) > 0:
+        thermal["the temperature"] = _smooth(_shares(np.asarray(where.temperature_degc, float)) / TEMPERATURE_LENGTH)
+    # Kernels of what falls to one side or the other, and of what is touched on one side alone: sums of steps, and of ramps
+    # that begin, at planes across the direction of gravity (arc-cosine kernels of order 0 and 1, Cho and Saul 2009).
+    extended = np.column_stack([gravity, np.full(len(gravity), PLANES)])
+    cosine = np.clip(extended @ extended.T / (1.0 + PLANES**2), -1.0, 1.0)
+    angle = np.arccos(cosine)
+    steps, ramps = 1.0 - angle / np.pi, (np.sqrt(1.0 - cosine**2) + (np.pi - angle) * cosine) / np.pi
+    slowly = {"the time": _smooth(_shares(np.array(order)) / TIME_LENGTHS[1])} | thermal
     of_inputs = _smooth((inputs.T[:, None] / np.array([[*INPUT_LENGTHS.values()]]).T).reshape(-1, len(inputs), 1))
     listed: list[_Kernels] = [
         {"the attitude": of_gravity},
@@ -113,12 +121,6 @@ def of_readings(
     return tuple({words: made[words] for words in kernels} for kernels in listed)
 
 
-@lru_cache(maxsize=_FEW_PLANS)
-def _slowly(order: tuple[float, ...]) -> Float[np.ndarray, "positions positions"]:
-    """Kernel of what changes slowly in time."""
-    return _smooth(_shares(np.array(order)) / TIME_LENGTHS[1])
-
-
 @lru_cache(maxsize=64)
 def of_angles(alpha: tuple[float, ...], beta: tuple[float, ...]) -> tuple[Variables, Variables]:
     """Functions of the head's angles, and of the spindle's alone."""
@@ -130,13 +132,6 @@ def of_angles(alpha: tuple[float, ...], beta: tuple[float, ...]) -> tuple[Variab
             {f"the spindle angle{bending}": _smooth(spindle / length) for bending, length in SPINDLE_LENGTHS.items()}
         ),
     )
-
-
-def _by_temperature(where: Where) -> _Kernels:
-    """Smooth functions of the temperature, where it was measured and changed."""
-    if where.temperature_degc is None or np.ptp(np.asarray(where.temperature_degc)) == 0:
-        return {}
-    return {"the temperature": _smooth(_shares(np.asarray(where.temperature_degc, float)) / TEMPERATURE_LENGTH)}
 
 
 @lru_cache(maxsize=64)
@@ -186,12 +181,3 @@ def _smooth(values: Float[np.ndarray, "*sets positions variables"]) -> Float[np.
     """A Gaussian kernel of length one."""
     difference = values[..., :, None, :] - values[..., None, :, :]
     return np.exp(-0.5 * np.vecdot(difference, difference))
-
-
-def _sides(direction: Float[np.ndarray, "positions 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Kernels of what falls to one side or the other, and of what is touched on one side alone: sums of steps, and of
-    ramps that begin, at planes across the direction of gravity (arc-cosine kernels of order 0 and 1, Cho and Saul 2009)."""
-    extended = np.column_stack([direction, np.full(len(direction), PLANES)])
-    cosine = np.clip(extended @ extended.T / (1.0 + PLANES**2), -1.0, 1.0)
-    angle = np.arccos(cosine)
-    return 1.0 - angle / np.pi, (np.sqrt(1.0 - cosine**2) + (np.pi - angle) * cosine) / np.pi

@@ -123,37 +123,17 @@ class NoiseAlternatives:
         squares = (z @ rows.T) ** 2 / share
         spread, scale = variance, np.tile(pure, (len(tails), 1))
         if not (known or of_means):
-            spread, scale = squares @ share / np.sum(share), _best_scale(squares, share, tails, variance)
-        gain = (_log_t(squares, tails, scale) - _log_normal(squares, spread)) @ share
+            # The squared scale of the highest likelihood of Student's t, by reweighting (Lange, Little and Taylor 1989).
+            spread, tail = squares @ share / np.sum(share), tails[:, None, None]
+            scale = np.tile(0.5 * variance, (len(tails), 1))
+            for _ in range(_STEPS):
+                scale = ((tail + 1) / (tail + squares / scale[:, :, None]) * squares) @ share / np.sum(share)
+            scale = np.maximum(scale, 1e-12 * np.maximum(variance, 1e-300))
+        # Log densities of Student's t with these degrees of freedom and squared scales.
+        constant = gammaln((tails + 1) / 2) - gammaln(tails / 2) - 0.5 * np.log(tails * np.pi)
+        student = -0.5 * (tails[:, None, None] + 1) * np.log1p(squares / (scale[:, :, None] * tails[:, None, None]))
+        log_t = student + (constant[:, None] - 0.5 * np.log(scale))[:, :, None]
+        # Log densities of the normal distribution of these variances.
+        log_normal = -0.5 * (np.log(2 * np.pi * spread)[:, None] + squares / spread[:, None])
+        gain = (log_t - log_normal) @ share
         return log_evidence_of_noise(total, dof, known) + of_differences + gain
-
-
-def _best_scale(
-    squares: Float[np.ndarray, "draws rows"],
-    share: Float[np.ndarray, " rows"],
-    tails: Float[np.ndarray, " tails"],
-    variance: Float[np.ndarray, " draws"],
-) -> Float[np.ndarray, "tails draws"]:
-    """The squared scale of the highest likelihood of Student's t, by reweighting (Lange, Little and Taylor 1989)."""
-    scale, tail = np.tile(0.5 * variance, (len(tails), 1)), tails[:, None, None]
-    for _ in range(_STEPS):
-        scale = ((tail + 1) / (tail + squares / scale[:, :, None]) * squares) @ share / np.sum(share)
-    return np.maximum(scale, 1e-12 * np.maximum(variance, 1e-300))
-
-
-def _log_t(
-    squares: Float[np.ndarray, "draws rows"],
-    tails: Float[np.ndarray, " tails"],
-    scale: Float[np.ndarray, "tails draws"],
-) -> Float[np.ndarray, "tails draws rows"]:
-    """Log densities of Student's t with these degrees of freedom and squared scales."""
-    constant = gammaln((tails + 1) / 2) - gammaln(tails / 2) - 0.5 * np.log(tails * np.pi)
-    student = -0.5 * (tails[:, None, None] + 1) * np.log1p(squares / (scale[:, :, None] * tails[:, None, None]))
-    return student + (constant[:, None] - 0.5 * np.log(scale))[:, :, None]
-
-
-def _log_normal(
-    squares: Float[np.ndarray, "draws rows"], variance: Float[np.ndarray, " draws"]
-) -> Float[np.ndarray, "draws rows"]:
-    """Log densities of the normal distribution of these variances."""
-    return -0.5 * (np.log(2 * np.pi * variance)[:, None] + squares / variance[:, None])

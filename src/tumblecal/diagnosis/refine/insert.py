@@ -136,7 +136,8 @@ def _hidden_freed(
 ) -> tuple[_Unknowns, _Solution]:
     """With the directions of the coefficients that the nominal model absorbs free as well, where that explains more: of a
     large effect they show in the second order."""
-    hidden = [cause.slot.columns for cause in causes if cause.slot.columns and _rank(cause) < len(cause.slot.columns)]
+    ranks = [0 if cause.directions is None else cause.directions.shape[1] for cause in causes]
+    hidden = [cause.slot.columns for cause, rank in zip(causes, ranks, strict=True) if rank < len(cause.slot.columns)]
     left = solution.chi2
     if not hidden or not at.z @ at.z - left > LARGE**2 * left / at.dof:
         return unknowns, solution
@@ -147,10 +148,6 @@ def _hidden_freed(
     if freed.settled and left - freed.chi2 > HIDDEN * freed.chi2 / at.dof:
         return wider, freed
     return unknowns, solution
-
-
-def _rank(cause: Cause) -> int:
-    return 0 if cause.directions is None else cause.directions.shape[1]
 
 
 def directions_of(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full free"]:

@@ -245,7 +245,12 @@ def chosen_mean_noise(at: Tangent, noises: list[MeanNoise], screening: Screening
 
     **Returns:** the candidate, and the screen of the problem under it where that was made.
     """
-    chosen, screened = _first_tried(at, noises), None
+    # The first, or the smaller white noise of the samples alone, if that agrees best with the residuals without any cause.
+    alternatives = NoiseAlternatives(at, tuple(_as_model(noise, at) for noise in noises[1:]))
+    evidence = alternatives.log_evidence(at.z[None], known=True)[0]
+    likeliest = noises[1 + int(np.argmax(evidence))]
+    smaller = likeliest.lasts == "white" and np.max(evidence) > noises[0].log_weight - 0.5 * at.z @ at.z
+    chosen, screened = likeliest if smaller else noises[0], None
     for _ in noises:
         # The levels separate them too: all of them count as known here.
         problem = chosen.applied(at.problem, known=True)
@@ -260,14 +265,6 @@ def chosen_mean_noise(at: Tangent, noises: list[MeanNoise], screening: Screening
             break
         chosen, screened = other, None
     return chosen, None if chosen.extrapolated else screened
-
-
-def _first_tried(at: Tangent, noises: list[MeanNoise]) -> MeanNoise:
-    """The first, or the smaller white noise of the samples alone, if that agrees best with the residuals without any cause."""
-    others = NoiseAlternatives(at, tuple(_as_model(noise, at) for noise in noises[1:]))
-    evidence = others.log_evidence(at.z[None], known=True)[0]
-    best = noises[1 + int(np.argmax(evidence))]
-    return best if best.lasts == "white" and np.max(evidence) > noises[0].log_weight - 0.5 * at.z @ at.z else noises[0]
 
 
 def _as_model(noise: MeanNoise, at: Tangent) -> NoiseModel:

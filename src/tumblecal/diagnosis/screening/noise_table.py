@@ -93,7 +93,14 @@ class NoiseTable:
         if not (sets and noise.listed):
             return cls(search, noise, sets, np.zeros((len(sets), len(noise.listed))), total)
         bases, priors = search.bases(sets), SetPriors.of(search.pool, rows_of(sets))
-        products, normal = _products(bases, noise), np.array([_evidence_as_assumed(search, base) for base in bases])
+        # Products of each set's columns and residual, last, with each other under each covariance.
+        parts = [np.column_stack([base.q, base.z]) for base in bases]
+        ends = np.cumsum([part.shape[1] for part in parts]).tolist()
+        whole, firsts = noise.whitening.products(np.hstack(parts)), [0, *ends[:-1]]
+        products = [whole[:, a:b, a:b] for a, b in zip(firsts, ends, strict=True)]
+        # Log evidence of each set under the noise as assumed.
+        explained = [(np.array(base.z @ base.z), base.explained(base.q.T @ base.z)) for base in bases]
+        normal = np.array([float(log_evidence(*parts, search.pool.dof, search.known)) for parts in explained])
         recorded = np.array([model.recorded for model in noise.listed], bool)
         prior = priors.own[:, None] + np.where(recorded, 0.0, given_found(priors.causes, 1)[:, None])
         gains = _gains(search, bases, noise, products)
@@ -132,20 +139,6 @@ class NoiseTable:
         probability = float(np.exp(by_label[label] - np.logaddexp.reduce([*by_label.values()])))
         del by_label[label]
         return probability, "" if probability >= SURE else max(by_label, key=by_label.__getitem__)
-
-
-def _evidence_as_assumed(search: Search, base: PartialSet) -> float:
-    """Log evidence of a set under the noise as assumed."""
-    total, parts = np.array(base.z @ base.z), base.explained(base.q.T @ base.z)
-    return float(log_evidence(total, parts, search.pool.dof, search.known))
-
-
-def _products(bases: list[PartialSet], noise: NoiseAlternatives) -> list[Float[np.ndarray, "noises width width"]]:
-    """Products of each set's columns and residual, last, with each other under each covariance."""
-    parts = [np.column_stack([base.q, base.z]) for base in bases]
-    ends = np.cumsum([part.shape[1] for part in parts]).tolist()
-    products, first = noise.whitening.products(np.hstack(parts)), [0, *ends[:-1]]
-    return [products[:, a:b, a:b] for a, b in zip(first, ends, strict=True)]
 
 
 def _gains(

@@ -120,7 +120,11 @@ def _near(
     # Two causes that have no more coefficients than one are no less simple.
     fewer |= (causes > causes[:, None]) & (coefficients <= coefficients[:, None]) & ~(unnamed[:, None] | unnamed)
     near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
-    held, less = _one_holds_the_other(groups.labels), coefficients[:, None] < coefficients
+    # Pairs of sets of names of which one is all of the other, itself included.
+    has, _ = membership(groups.labels)
+    size = has.sum(axis=1)
+    held = has @ has.T == np.minimum(size[:, None], size)
+    less = coefficients[:, None] < coefficients
     bound = np.zeros_like(held)
     if changes is not None:
         jumped, by_setting = changes.pairs(groups.labels)
@@ -135,13 +139,6 @@ def _near(
     near &= ~held
     probable = [k for k, share in enumerate(shares) if share > LEAST_SHARE and causes[k]]
     return {k: np.flatnonzero(near[k]).tolist() for k in probable}, bound
-
-
-def _one_holds_the_other(sets: list[Labels]) -> Bool[np.ndarray, "groups groups"]:
-    """Of which pairs of sets of names one is all of the other, itself included."""
-    has, _ = membership(sets)
-    size = has.sum(axis=1)
-    return has @ has.T == np.minimum(size[:, None], size)
 
 
 def _same_signal(

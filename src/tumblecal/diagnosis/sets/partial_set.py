@@ -110,7 +110,12 @@ def partial_sets(
     if asides is not None:
         q, along = asides, asides @ left[:, :, None]
         left = left - (along.mT @ asides)[:, 0]
-    blocks, ranks = _blocks(pool, rows)
+    # The blocks of each set as rows, filled up with zeros, and their ranks.
+    ranks = np.where(rows >= 0, pool.ranks[rows], 0)
+    slot = np.arange(ranks.max(initial=0))
+    there = slot < ranks[:, :, None]
+    columns = np.where(there, pool.first_columns[rows][:, :, None] + slot, 0)
+    blocks = pool.stacked.T[columns] * there[:, :, :, None]
     # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
     along = (blocks @ left[:, None, :, None])[..., 0]
     turn = np.arange(len(sets))[:, None], (-np.vecdot(along, along)).argsort(axis=1, kind="stable")
@@ -153,17 +158,6 @@ def _without_faults(pool: Pool, z: np.ndarray, sets: Int[np.ndarray, "sets most"
         for row, member in zip(*there.nonzero(), strict=True):
             left[row] -= pool.offsets[:, np.searchsorted(pool.faults, sets[row, member])]
     return left
-
-
-def _blocks(
-    pool: Pool, sets: Int[np.ndarray, "sets most"]
-) -> tuple[Float[np.ndarray, "sets most rank nu"], Int[np.ndarray, "sets most"]]:
-    """The blocks of each set as rows, filled up with zeros, and their ranks."""
-    ranks = np.where(sets >= 0, pool.ranks[sets], 0)
-    number = np.arange(ranks.max(initial=0))
-    there = number < ranks[:, :, None]
-    columns = np.where(there, pool.first_columns[sets][:, :, None] + number, 0)
-    return pool.stacked.T[columns] * there[:, :, :, None], ranks
 
 
 def _orthonormal(

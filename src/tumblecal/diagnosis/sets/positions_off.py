@@ -28,7 +28,12 @@ def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:
     whole = _whole(pool)
     if len(whole) < 2 or comb(len(whole), 2) > MOST_POSITION_PAIRS or not np.any(z):
         return 1.0
-    alone = _of_positions_alone(pool, z, whole)
+    # The bound (log) of two or three positions, each at half of the size.
+    alone = min(
+        log(2 * comb(len(whole), sets.shape[1])) + float(logs.min(initial=0.0))
+        for sets, logs in _pairs_and_threes(pool, z, whole)
+        if len(logs)
+    )
     effects = pool.effects if len(whole) <= MOST_POSITIONS_BESIDE else pool.effects[:0]
     if not len(effects):
         return float(np.exp(min(0.0, alone)))
@@ -59,15 +64,6 @@ def _pairs_and_threes(
     threes = {tuple(sorted((*pair, other))) for pair in best for other in whole.tolist() if other not in pair}
     listed = np.array(sorted(threes), int).reshape(-1, 3)
     return [(pairs, of_pairs), (listed, _log_shares_left(pool, z, listed))]
-
-
-def _of_positions_alone(pool: Pool, z: Float[np.ndarray, " nu"], whole: Int[np.ndarray, " positions"]) -> float:
-    """The bound (log) of two or three positions, each at half of the size."""
-    return min(
-        log(2 * comb(len(whole), sets.shape[1])) + float(logs.min(initial=0.0))
-        for sets, logs in _pairs_and_threes(pool, z, whole)
-        if len(logs)
-    )
 
 
 def _log_shares_left(

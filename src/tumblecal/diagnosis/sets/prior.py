@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.causes.together import Together
 from tumblecal.diagnosis.priors import FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SEVERAL_OUTLIERS
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, rows_of
 from tumblecal.full_model.priors import EFFECT_WEIGHT, SIZE_PRIOR
@@ -77,7 +76,8 @@ class SetPriors(NamedTuple):
             several = np.sort(sets[rows].view(np.uint64), axis=1).view(np.int64)[:, : int(causes[rows].max())]
             causes[rows], log_weight[rows] = _together(pool, several)
             # A member is counted in one way only: with the other axes, or with the other powers.
-            both = np.flatnonzero(_of_both(pool.together, several))
+            of_both = (pool.together.family[several] >= 0) & (pool.together.polynomial[several] >= 0)
+            both = np.flatnonzero(np.any((several >= 0) & of_both, axis=1))
             if len(both):
                 further = _together(pool, several[both], powers_first=True)
                 better = _LOG_SIZE[further[0]] + further[1] > (_LOG_SIZE[causes] + log_weight)[rows[both]]
@@ -114,12 +114,6 @@ class SetPriors(NamedTuple):
             others = np.flatnonzero(pool.starts == starts[row, member])
             priors[row, others[others != self.sets[row, member]]] = -np.inf
         return priors
-
-
-def _of_both(together: Together, sets: Int[np.ndarray, "sets most"]) -> Bool[np.ndarray, " sets"]:
-    """Which sets have a member of a family and of a polynomial."""
-    there = sets >= 0
-    return np.any(there & (together.family[sets] >= 0) & (together.polynomial[sets] >= 0), axis=1)
 
 
 def _together(

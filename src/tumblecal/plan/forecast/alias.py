@@ -17,19 +17,17 @@ _ATTITUDES = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z i
 ATTITUDES = _ATTITUDES / np.linalg.norm(_ATTITUDES, axis=1, keepdims=True)
 
 
-def sensor_rows(
-    names: tuple[str, ...], forces: Float[np.ndarray, "attitudes 3"]
-) -> Float[np.ndarray, "rows parameters"]:
-    """Readings, g, by parameters of the sensor (base units), axis by axis for each attitude; other parameters add nothing."""
-    rows = np.zeros((len(forces), 3, len(names)))
+def sensor_rows(names: tuple[str, ...]) -> Float[np.ndarray, "rows parameters"]:
+    """Readings, g, by parameters of the sensor (base units), axis by axis for each of `ATTITUDES`; others add nothing."""
+    rows = np.zeros((len(ATTITUDES), 3, len(names)))
     for column, name in enumerate(names):
         leaf, _, own = name.partition("_")
         if leaf == "bias" and own in AXES:
             rows[:, AXES.index(own), column] = 1.0
         elif leaf == "dK" and own in AXES:
-            rows[:, AXES.index(own), column] = forces[:, AXES.index(own)]
+            rows[:, AXES.index(own), column] = ATTITUDES[:, AXES.index(own)]
         elif leaf == "gamma" and own in ("21", "31", "32"):
-            rows[:, int(own[0]) - 1, column] = forces[:, int(own[1]) - 1]
+            rows[:, int(own[0]) - 1, column] = ATTITUDES[:, int(own[1]) - 1]
     return rows.reshape(-1, len(names))
 
 
@@ -63,4 +61,4 @@ def error_in_use(of: EffectsOfPlan, id: str) -> Float[np.ndarray, " rows"]:
     plan does not know."""
     own = effect_in_use(of.entries, of.slot(id), of_use(of.at.problem.where))
     absorbed = of.model.scales[: of.model.nominal] * (of.absorbed @ of.signal(id))
-    return own - sensor_rows(of.model.names, ATTITUDES) @ absorbed
+    return own - sensor_rows(of.model.names) @ absorbed

@@ -11,6 +11,8 @@ from tumblecal.plan.next.proposals import NextPosition
 
 
 MOST_IN_SET = 12
+# Single proposals.
+MOST = 6
 # Separated: the odds of the alternatives together are expected to fall by e^20, so that they almost always fall by e^4, also
 # against sets of causes that are not listed.
 DECIDED = 20.0
@@ -68,11 +70,11 @@ class Value:
 
 
 def best_of(
-    listed: Sequence[NextPosition], cells: Sequence[np.ndarray], value: Value, most: int, least: float
+    listed: Sequence[NextPosition], cells: Sequence[np.ndarray], value: Value, least: float
 ) -> list[NextPosition]:
-    """The best single proposals with their values: at most `most`, each with a value above `least`; `cells`: of each."""
+    """The best single proposals with their values: at most `MOST`, each with a value above `least`; `cells`: of each."""
     values = np.where([one.needs_others for one in listed], 0.0, value.of(cells))
-    order = np.argsort(-values, kind="stable")[:most].tolist()
+    order = np.argsort(-values, kind="stable")[:MOST].tolist()
     return [replace(listed[k], value=float(values[k])) for k in order if values[k] > least]
 
 

@@ -15,7 +15,7 @@ from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.blas import single_blas_thread
-from tumblecal.plan.next.choosing import MOST_IN_SET, Value, best_of, greedy
+from tumblecal.plan.next.choosing import MOST, MOST_IN_SET, Value, best_of, greedy
 from tumblecal.plan.next.competition import competition
 from tumblecal.plan.next.conditions import Conditions, continued, temperature_notes
 from tumblecal.plan.next.confirming import Confirmation, confirmations
@@ -27,7 +27,6 @@ from tumblecal.plan.next.sampling import REVERSED, SAMPLE, samples
 from tumblecal.plan.next.separating import LEAST_STEP, separate, separation
 
 
-MOST = 6
 LEAST_VALUE = 1e-3
 # A set is complete when a further position would reduce the worst uncertainty by less than 3 % (a turn of several: 10 %).
 _LEAST_GAIN = 0.03
@@ -117,7 +116,12 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     if diagnosis.data.hand_held:
         return _by_hand(diagnosis)
     allowed, data = allowed or Allowed(), diagnosis.data
-    sides = tuple(SIDES) if allowed.remount and _remounts(diagnosis) else ()
+    # Whether the chain can describe the triad in a new mounting: by an exact mount with free angles for each mounting.
+    mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
+    free = [leaf for leaf in parameters_of(tuple(mounts)) if leaf.name == "dtheta" and leaf.free]
+    one_mounting = not diagnosis.from_rig or len(set(data.mount or ("1",))) == 1
+    of_mounting = any(one_mounting if leaf.by is None else "mount" in leaf.by.split(".") for leaf in free)
+    sides = tuple(SIDES) if allowed.remount and len(mounts) == 1 and of_mounting else ()
     notes = [_NOT_REMOUNTED] if allowed.remount and not sides else []
     plan = NextPlan(from_rig=diagnosis.from_rig, conditions=continued(data))
     if diagnosis.unnamed is not None:
@@ -155,11 +159,16 @@ def _proposed(
     plan = replace(plan, promise=None if found is None else found.promise)
     if found is not None and separated:
         value = separation(competing, predicted, found.counted)
-        singles, together = best_of(listed, rows.cells, value, MOST, LEAST_STEP), found.ordered
+        singles, together = best_of(listed, rows.cells, value, LEAST_STEP), found.ordered
         whole = sum(one.value for one in together)
         plan = replace(plan, purpose=SEPARATE, conditions=found.conditions, in_reverse=found.in_reverse, value=whole)
     else:
-        watched = _watched(diagnosis)
+        # Columns of the sensor parameters of new positions; all nominal ones if a rig fixes these.
+        watched, where = list[int](), diagnosis.problem.where
+        for leaf, columns in leaves_of(diagnosis.model):
+            if leaf.name in ("dK", "bias", "gamma"):
+                watched += columns[0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])].tolist()
+        watched = watched or list(range(diagnosis.model.nominal))
         value = Value([leader], sharpenings(watched), np.zeros(1), np.inf)
         worst = model.names[watched[int(np.argmax(np.diag(leader.covariance)[watched]))]]
         least = -np.log1p(-np.minimum([_LEAST_GAIN * len(one.angles_deg) for one in listed], _LEAST_TURN))
@@ -167,7 +176,7 @@ def _proposed(
         singles, together = (
             [replace(one, value=-float(np.expm1(-one.value))) for one in chosen]
             for chosen in (
-                best_of(listed, rows.cells, value, MOST, LEAST_VALUE),
+                best_of(listed, rows.cells, value, LEAST_VALUE),
                 greedy(listed, rows.cells, value, least, settings),
             )
         )
@@ -189,20 +198,3 @@ def _by_hand(diagnosis: Diagnosis) -> NextPlan:
     )
     value = 1 - float(np.prod([1 - position.value for position in together]))
     return NextPlan(together=together, purpose=SHARPEN_WEAKEST, value=value, notes=(_SIDES_BY_HAND,))
-
-
-def _remounts(diagnosis: Diagnosis) -> bool:
-    """Whether the chain can describe the triad in a new mounting: by an exact mount with free angles for each mounting."""
-    mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
-    free = [leaf for leaf in parameters_of(tuple(mounts)) if leaf.name == "dtheta" and leaf.free]
-    one_mounting = not diagnosis.from_rig or len(set(diagnosis.data.mount or ("1",))) == 1
-    return len(mounts) == 1 and any(one_mounting if leaf.by is None else "mount" in leaf.by.split(".") for leaf in free)
-
-
-def _watched(diagnosis: Diagnosis) -> list[int]:
-    """Columns of the sensor parameters of new positions; all nominal ones if a rig fixes these."""
-    chosen, where = list[int](), diagnosis.problem.where
-    for leaf, columns in leaves_of(diagnosis.model):
-        if leaf.name in ("dK", "bias", "gamma"):
-            chosen += columns[0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])].tolist()
-    return chosen or list(range(diagnosis.model.nominal))

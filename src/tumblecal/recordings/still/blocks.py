@@ -113,7 +113,9 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
     waiting, base, begin = np.zeros((0, len(channels) + timed)), 0, 0
     for first, piece in pieces_of(path, [*channels, *(["time_s"] if timed else [])]):
         table = np.concatenate([waiting, piece])
-        smallest = np.minimum(smallest, _smallest_steps(piece[:, : len(channels)]))
+        # The smallest difference between distinct values, by channel; infinite for a single value.
+        sampled = piece[:_SAMPLED_ROWS, : len(channels)].T
+        smallest = np.minimum(smallest, [np.diff(np.unique(column)).min(initial=np.inf) for column in sampled])
         signal, alone = without_single_outliers(table[:, : len(channels)])
         time_s = table[:, -1] if timed else (base + np.arange(len(table))) / rate_hz
         steps = np.diff(time_s)
@@ -158,11 +160,6 @@ def _joins(force: Floats, quantum: float, width: int) -> Integers:
     moved = ((after.mean(1) - before.mean(1)) ** 2).sum(1)
     at_once = steps[rows - 1] > _AT_ONCE**2 * moved
     return rows[at_once & (moved > _JOIN_SD**2 * np.maximum(variance.sum(1), 1e-300))]
-
-
-def _smallest_steps(signal: Floats) -> Floats:
-    """The smallest difference between distinct values, by channel; infinite for a single value."""
-    return np.array([np.diff(np.unique(column)).min(initial=np.inf) for column in signal[:_SAMPLED_ROWS].T])
 
 
 def _quantum(steps: Floats, readings: Floats) -> Floats:

@@ -1,7 +1,6 @@
 """Figures of a designed plan: positions on the sphere, uncertainties, force in use, trade-off, and the order over time."""
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -30,7 +29,11 @@ _MARKERS = "osD^vP"
 def sphere_figure(plan: DesignedPlan) -> Figure:
     """Directions of gravity in the axes of the sensor, as two hemispheres of equal area: z up, and z down."""
     figure, panels = new_panels(3.9, 1, 2, subplot_kw={"projection": "polar"})
-    x, y, z = _force(plan).T
+    # Direction of the specific force in the axes of the sensor.
+    cells = plan.cells
+    head = gravity_in_head(np.radians(cells.alpha_deg), np.radians(cells.beta_deg))
+    angles = np.radians([plan.rig.mounts.get(mount, (0.0, 0.0, 0.0)) for mount in cells.mounts])
+    x, y, z = np.array([rotation_matrix(turn) @ force for turn, force in zip(angles, head, strict=True)]).T
     for panel, sign, here in zip(panels[0], "+-", (z >= -1e-9, z < -1e-9), strict=True):
         # Lambert's azimuthal projection to the unit circle.
         _by_mounting(panel, plan, np.arctan2(y, x), np.sqrt(np.maximum(1 - np.abs(z), 0)), here)
@@ -53,14 +56,6 @@ def _by_mounting(
             clip_on=False,
             label=f"mounting {mount}",
         )
-
-
-def _force(plan: DesignedPlan) -> Float[np.ndarray, "positions 3"]:
-    """Direction of the specific force in the axes of the sensor."""
-    cells = plan.cells
-    head = gravity_in_head(np.radians(cells.alpha_deg), np.radians(cells.beta_deg))
-    angles = [plan.rig.mounts.get(mount, (0.0, 0.0, 0.0)) for mount in cells.mounts]
-    return np.stack([rotation_matrix(turn) @ force for turn, force in zip(np.radians(angles), head, strict=True)])
 
 
 def uncertainty_figure(plan: DesignedPlan) -> Figure:
