@@ -25,8 +25,7 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
-from tumblecal.ground.blas import single_blas_thread
-from tumblecal.ground.precision import enable_float64
+from tumblecal.ground.precision import enable_float64, single_blas_thread
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
 from tumblecal.thermal.result import ThermalResult, thermal_calibration
 from tumblecal.thermal.stated import Stated

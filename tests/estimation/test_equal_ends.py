@@ -6,7 +6,7 @@ import pytest
 import blind_instrument as blind
 import blind_noise
 from tumblecal.estimation.setup.correction import correct_setup_errors
-from tumblecal.estimation.setup.equal_ends import equal_ends
+from tumblecal.estimation.setup.unmeasured import equal_ends
 from tumblecal.ground.errors import InputError
 
 

@@ -9,7 +9,8 @@ from remounted import blind, measured, two
 from tumblecal.chain.nominal import Mount
 from tumblecal.data.joined import joined
 from tumblecal.estimation import default_chain, exact, problem_of
-from tumblecal.estimation.mountings import quarter_turns, turned_mountings, with_distinct_mounts
+from tumblecal.estimation.joined_files import with_distinct_mounts
+from tumblecal.estimation.mountings import quarter_turns, turned_mountings
 from tumblecal.ground.errors import InputError
 
 

@@ -14,8 +14,8 @@ from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.effects.effect import OF_HEAD, OF_RUN
 from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import calibrate
+from tumblecal.lab.corrected_reading import expanded_uncertainty
 from tumblecal.lab.diagnosed_use import use_of_diagnosis
-from tumblecal.lab.expanded_uncertainty import expanded_uncertainty
 from tumblecal.lab.limits import limits, systematic_g
 
 

@@ -14,9 +14,9 @@ from tumblecal.chain.link import Link, Place, State, turned
 from tumblecal.chain.parameter import Parameter, coefficients
 from tumblecal.chain.where import Where
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
+from tumblecal.ground.numbers_shown import shortened
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 

@@ -11,8 +11,8 @@ from tumblecal.chain.chain import Chain
 from tumblecal.chain.following import followings_of, require_temperature
 from tumblecal.chain.nominal import LINKS, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.where import Where
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.option_texts import faults_of
 from tumblecal.ground.soaks import soaks
 from tumblecal.ground.strict_toml import Number, Strict

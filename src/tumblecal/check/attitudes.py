@@ -7,8 +7,8 @@ from typing import Any
 from tumblecal.capture.journal import sha256_of
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.position_comments import MEASURED
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.own_tables import with_context
 from tumblecal.recordings.reduce import positions_or_rest

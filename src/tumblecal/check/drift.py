@@ -13,8 +13,8 @@ from tumblecal.data.joined_clocks import TIME_ZERO
 from tumblecal.data.position_comments import MEASURED, measured_at
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
 

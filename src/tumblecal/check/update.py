@@ -32,7 +32,7 @@ from tumblecal.data.sensor_parameters import (
 from tumblecal.data.temperature_curves import order_of_covariance
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import p_words
-from tumblecal.lab.expanded_uncertainty import expanded_uncertainty
+from tumblecal.lab.corrected_reading import expanded_uncertainty
 
 
 @dataclass(frozen=True)

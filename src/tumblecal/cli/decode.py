@@ -10,8 +10,8 @@ from tumblecal.cli.command import Command
 from tumblecal.cli.options import Quiet
 from tumblecal.cli.result_files import table_file
 from tumblecal.cli.terminal import warn
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 
 
 def decode(

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from tumblecal.cli.options import Files, Probability, Quiet, Texts, options
 from tumblecal.cli.terminal import warn
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 
 
 @options

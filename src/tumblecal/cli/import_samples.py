@@ -6,7 +6,7 @@ from tumblecal.cli.command import Command
 from tumblecal.cli.recording_options import Recording
 from tumblecal.cli.result_files import table_file
 from tumblecal.cli.terminal import warn
-from tumblecal.ground.counted import counted
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.recordings.options import RecordingOptions
 
 

@@ -7,7 +7,7 @@ from tumblecal.cli.position_files import PositionFiles
 from tumblecal.cli.terminal import warn
 from tumblecal.data import PositionSet
 from tumblecal.data.overwriting import given_once
-from tumblecal.data.position_notes import position_notes
+from tumblecal.data.repeats import position_notes
 from tumblecal.estimation import Fit
 from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.ground.errors import InputError

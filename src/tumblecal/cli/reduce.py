@@ -9,8 +9,8 @@ from tumblecal.cli.command import Command
 from tumblecal.cli.options import Quiet
 from tumblecal.cli.recording_options import Context, Recording, Rest, print_reduction
 from tumblecal.cli.result_files import names_written, results
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 

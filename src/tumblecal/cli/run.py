@@ -8,7 +8,6 @@ from io import StringIO
 
 from tumblecal.cli.commands import app, overview
 from tumblecal.cli.endings import NOTHING_HALF_WRITTEN, line_of
-from tumblecal.cli.faults import print_faults
 from tumblecal.cli.interrupts import interrupted_by
 from tumblecal.ground.errors import InputError, SupplementWarning
 from tumblecal.ground.plain_text import first_control
@@ -51,7 +50,11 @@ def run() -> int:
     except KeyboardInterrupt as error:
         return _interrupted(str(error))
     except Exception as error:
-        return _interrupted() if interrupted_by() else print_faults(error)
+        if interrupted_by():
+            return _interrupted()
+        from tumblecal.cli.faults import print_faults
+
+        return print_faults(error)
     return code if isinstance(code, int) else 0
 
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tumblecal.ground.formula_cells import from_text
+from tumblecal.ground.plain_text import from_text
 from tumblecal.ground.text_file import shown
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.ground.counted import counted
+from tumblecal.ground.numbers_shown import counted
 
 
 # Possible temperatures of a triad, degC, and of a column in kelvin, which is converted to degC later.

@@ -14,7 +14,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.formula_cells import as_text
+from tumblecal.ground.plain_text import as_text
 from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, shown
 

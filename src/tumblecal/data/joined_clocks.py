@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.clocks import continued_times
-from tumblecal.ground.counted import duration
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import duration
 from tumblecal.ground.option_texts import size
 
 

@@ -10,9 +10,9 @@ from tumblecal.data.table import KNOWN
 from tumblecal.data.text_cells import cells_of, strict_cells
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.text_file import comment_in, decoded_pieces, is_blank, shown
 
 

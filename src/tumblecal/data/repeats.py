@@ -1,5 +1,6 @@
-"""Limits for large data sets: repeats of a position are averaged; if that is not enough, the cost is stated or rejected.
-Positions that are copies of others are found.
+"""Positions that repeat others: copies and raw samples are reported; repeats of large data sets are averaged.
+
+Limits for large data sets: repeats of a position are averaged; if that is not enough, the cost is stated or rejected.
 
 The cost of a diagnosis grows with the square of the number of positions. Consecutive rows of the same attitude, run, mounting
 and approach differ only by noise, so their mean has the same information on each effect. Slow changes (drift, temperature)
@@ -8,14 +9,17 @@ exchanged, mislabelled and outlier positions can be identified by name.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.data import PositionSet
 from tumblecal.data.gravity_size import moving_fault, reduce_command
-from tumblecal.ground.counted import duration
+from tumblecal.data.table import KNOWN, READINGS, likely_meant
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted, duration, shortened
+from tumblecal.ground.suggested_command import suggested
 
 
 # Largest number of positions without averaging; number of means; largest number that is accepted without averaging.
@@ -28,6 +32,11 @@ _SECONDS, _GIB_FIXED, _GIB = 55.0, 0.6, 2.2
 _ALONE_FROM, _MOST_ALONE = 6.0, 20
 # If the numbers of rows of the means differ by more than this factor, their sd are computed from the repeats.
 _UNEQUAL = 2.0
+
+
+_MOST_COPIES = 3
+# This many consecutive rows of one name and setting are samples of one dwell.
+_LIKE_SAMPLES = 16
 
 
 @dataclass(frozen=True)
@@ -205,3 +214,28 @@ def unfinished(data: PositionSet, error: Exception) -> InputError:
         f"{data.source}: the model cannot be fitted to these readings (singular equations); check angles, axes and units "
         "against the measurement log"
     )
+
+
+def position_notes(data: PositionSet) -> list[str]:
+    """Columns that may have been meant, and rows that look copied, as warnings.
+
+    **Raises:** `InputError` for raw samples.
+    """
+    if len(data) >= _LIKE_SAMPLES * data.stretches:
+        reduced = Path("reduced")
+        raise InputError(
+            f"{data.source}: {len(data)} rows, but only {counted(data.stretches, 'stretch')} of one position each, so these "
+            f"look like raw samples. Reduce them first, then give {reduced / 'positions.csv'}: "
+            f"{suggested('reduce', data.source, '--out', reduced)}"
+        )
+    free = [name for name in KNOWN if name not in (*data.columns, *READINGS)]
+    meant = {name: likely_meant(name, free) for name in data.ignored}
+    notes = [
+        f"column {name} is not used; did you mean {other}? Rename it, or give --columns {other}={name}"
+        for name, other in meant.items()
+        if other
+    ]
+    if copies := [f"{name} and {first}" for name, first in copied_positions(data)]:
+        listed = shortened(copies, _MOST_COPIES)
+        notes.append(f"identical rows: positions {listed}; a copied row is weighted twice: remove it")
+    return notes

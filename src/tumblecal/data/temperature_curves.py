@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.showing import brief
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.data.line_form import LineForm
 from tumblecal.data.text_cells import (
     QUOTED_END,
     cells_of,
@@ -16,12 +15,13 @@ from tumblecal.data.text_cells import (
     row_lines,
     strict_cells,
 )
-from tumblecal.ground.last_line import lines_at_end, may_be_cut
-from tumblecal.ground.text_file import comment_in, is_blank
+from tumblecal.ground.text_file import comment_in, is_blank, lines_at_end, may_be_cut
 
 
 if TYPE_CHECKING:
     import polars as pl
+
+    from tumblecal.data.line_form import LineForm
 
 # Column of frames with the line (or row) of each row in its source, for messages.
 ROW = "\x00row"
@@ -45,7 +45,7 @@ class TextLayout:
     separator: str
     header_line: int | None
     first_line: int
-    form: LineForm | None = None
+    form: "LineForm | None" = None
     numeric: frozenset[str] = frozenset()
 
     def words(self) -> str:

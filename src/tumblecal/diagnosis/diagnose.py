@@ -38,9 +38,9 @@ from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.full_model.full_model import FullModel, model_of, settings_key
 from tumblecal.full_model.layout import key_of
 from tumblecal.full_model.tangent import robust_start, tangent, white_rows
-from tumblecal.ground.blas import single_blas_thread
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
+from tumblecal.ground.precision import single_blas_thread
 
 
 if TYPE_CHECKING:

@@ -37,8 +37,8 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup.error import SetupError
 from tumblecal.full_model.effect_directions import EffectDirections, effect_directions
 from tumblecal.full_model.full_model import FullModel
-from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.pickled import Pickled
+from tumblecal.ground.precision import single_blas_thread
 from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, function_named
 from tumblecal.ground.units import shown
 

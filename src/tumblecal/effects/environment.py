@@ -6,8 +6,7 @@ from jaxtyping import Array
 
 from tumblecal.chain import Link, Where
 from tumblecal.effects.added_terms import output_effect
-from tumblecal.effects.decay import decays
-from tumblecal.effects.drift import drift_effect
+from tumblecal.effects.drift import decays, drift_effect
 from tumblecal.effects.effect import OF_RUN, RARE, Effect, elapsed
 from tumblecal.ground.axes import AXES
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from tumblecal.chain import Link, Where
 from tumblecal.effects.added_terms import output_effect
-from tumblecal.effects.decay import decays
+from tumblecal.effects.drift import decays
 from tumblecal.effects.effect import MEAN, OF_PATH, OF_RUN, RARE, Effect
 from tumblecal.ground.axes import AXES
 

@@ -20,9 +20,9 @@ from tumblecal.chain import Chain, Link, Parameter, State, Where, settings
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.effect import Effect
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.units import factor
 
 

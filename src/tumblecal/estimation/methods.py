@@ -16,10 +16,10 @@ from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation import exact, harmonic, kalman
 from tumblecal.estimation.attitude_scatter import AttitudeScatter, fit_with_scatter
 from tumblecal.estimation.between_position_sd import BetweenPositionSd, between_position_sd
+from tumblecal.estimation.contradicted import ContradictedLevel, contradicted_level
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.leave_out import Contradicted, contradicted
-from tumblecal.estimation.noise_level import ContradictedLevel, contradicted_level
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.position_problem import problem_of
 from tumblecal.estimation.priors import Priors
@@ -226,7 +226,7 @@ class ExactFit(NamedTuple):
 
 
 def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
-    """The exact fit with the noise level that the data support (`estimation.noise_level`).
+    """The exact fit with the noise level that the data support (`estimation.contradicted`).
 
     **Arguments:** as of `all_methods`.
 

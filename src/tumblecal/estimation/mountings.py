@@ -6,10 +6,9 @@ calibrated by a hundredth of that. dtheta is then relative to the nominal attitu
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -18,14 +17,13 @@ from pydantic import BeforeValidator
 
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
-from tumblecal.data.joined import unused
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.record import ResultRecord
 
 
 # Turns whose mean distances from the readings differ by less than this (g) fit equally well.
-_EQUAL = 0.1
+EQUAL = 0.1
 # Mean distance (g) from every turn above which the triad is between turns; any of the nearest turns is then suitable.
 _OBLIQUE = 0.35
 # With fewer positions than this, one faulty position could decide.
@@ -127,7 +125,7 @@ def turned_mountings(data: PositionSet) -> dict[str, Angles]:
         return {}
     rows = [np.array([labels == part for labels in zip(mount, run, strict=True)]) for part in parts]
     fits = _of_one_handedness(data, [distances(data, here) for here in rows], [_named(*part, data) for part in parts])
-    possible = [_near(away) for away in fits]
+    possible = [nearest_turns(away) for away in fits]
     if frozenset.intersection(*possible):
         return {}
     labels = list(dict.fromkeys(mount))
@@ -147,39 +145,6 @@ def turned_mountings(data: PositionSet) -> dict[str, Angles]:
     return {label: turn.angles_deg for label, turn in chosen.items()}
 
 
-def possible_turns(data: PositionSet) -> frozenset[int]:
-    """Numbers of the quarter turns that fit all readings of a set about equally well, with 24 added for mirrored
-    axes; all 48 if the set is short."""
-    proper, mirrored = distances(data, np.ones(len(data), bool))
-    count = len(proper)
-    if len(data) < FEWEST:
-        return frozenset(range(2 * count))
-    if proper.min() <= mirrored.min() + _EQUAL:
-        return _near(proper)
-    return frozenset(count + number for number in _near(mirrored))
-
-
-def with_distinct_mounts(sets: Sequence[PositionSet]) -> list[PositionSet]:
-    """Sets to be joined. A set gets a new mount label, the name of its file, if the orientation of its triad differs from that
-    of the previous set with the same label."""
-    now: dict[str, tuple[str, frozenset[int]]] = {}
-    used = {label for data in sets for label in data.mount or ("1",)}
-    named: list[PositionSet] = []
-    for data in sets:
-        labels = list(data.labels("mount"))
-        for label in dict.fromkeys(labels):
-            possible = possible_turns(data.chosen([other == label for other in labels]))
-            name, before = now.get(label, (label, possible))
-            if not possible & before:
-                stem = Path(data.source).stem
-                name, before = unused(stem if data.mount is None else f"{label} of {stem}", used), possible
-                used.add(name)
-            now[label] = (name, possible & before)
-        new = tuple(now[label][0] for label in labels)
-        named.append(replace(data, mount=new) if list(new) != labels else data)
-    return named
-
-
 def nominal_rotations(turns: dict[str, Angles], labels: Sequence[str]) -> Float[np.ndarray, "mounts 3 3"] | None:
     """The nominal orientation of each mounting in the order of `labels`; None if none is turned."""
     if not turns:
@@ -188,9 +153,9 @@ def nominal_rotations(turns: dict[str, Angles], labels: Sequence[str]) -> Float[
     return np.stack([matrices[turns[label]] for label in labels])
 
 
-def _near(away: Float[np.ndarray, "24"]) -> frozenset[int]:
+def nearest_turns(away: Float[np.ndarray, "24"]) -> frozenset[int]:
     """Numbers of the turns whose fit is about equal to the best."""
-    return frozenset(np.flatnonzero(away <= away.min() + _EQUAL).tolist())
+    return frozenset(np.flatnonzero(away <= away.min() + EQUAL).tolist())
 
 
 def _of_one_handedness(
@@ -199,15 +164,15 @@ def _of_one_handedness(
     """Distances of each part from the proper turns. If all parts are mirrored (columns with the wrong sign): from the turns
     relative to the mirrored axes of the first part."""
     better = np.array([proper.min() - mirrored.min() for proper, mirrored in fits])
-    if np.all(better <= _EQUAL):
+    if np.all(better <= EQUAL):
         return [proper for proper, _ in fits]
-    if np.all(better >= -_EQUAL):
+    if np.all(better >= -EQUAL):
         first_mirrored = next(mirrored for _, mirrored in fits if np.any(mirrored))
         first = quarter_turns()[int(np.argmin(first_mirrored))].matrix
         numbers = {turn.matrix.tobytes(): k for k, turn in enumerate(quarter_turns())}
         order = [numbers[(first @ turn.matrix + 0.0).tobytes()] for turn in quarter_turns()]
         return [mirrored[order] for _, mirrored in fits]
-    odd = [name for name, difference in zip(names, better, strict=True) if difference > _EQUAL]
+    odd = [name for name, difference in zip(names, better, strict=True) if difference > EQUAL]
     raise InputError(
         f"{data.source}: in {', '.join(odd)} the axes are mirrored against those of the other positions (a column of "
         "the wrong sign, or two exchanged), which no turn of the triad explains; correct these columns"

@@ -12,7 +12,7 @@ import numpy as np
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.where import VISITS
 from tumblecal.data import PositionSet
-from tumblecal.ground.counted import counted, shortened
+from tumblecal.ground.numbers_shown import counted, shortened
 
 
 # Names of positions in one line, and the largest difference of two angles that are the same, deg.

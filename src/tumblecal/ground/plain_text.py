@@ -1,14 +1,19 @@
-"""Control characters, which a terminal, a page, an XML file or another program would execute instead of showing them.
+"""Text that a terminal, a page, an XML file or a spreadsheet would execute instead of showing it.
 
-Files written by users are rejected if they contain one. Text of devices and recordings is stored with escapes instead. Line
-feeds, returns and tabs are allowed.
+Files written by users are rejected if they contain a control character. Text of devices and recordings is stored with escapes
+instead. Line feeds, returns and tabs are allowed. Cells of CSV files that a spreadsheet would take for a formula are written
+with an apostrophe, and read without it (https://owasp.org/www-community/attacks/CSV_Injection).
 """
 
 import re
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from tumblecal.ground.errors import one_line
 
+
+if TYPE_CHECKING:
+    import polars as pl
 
 # C0, DEL and C1; marks of text direction (Unicode TR 9) and line separators; halves of surrogates; and characters that XML
 # does not allow.
@@ -20,6 +25,8 @@ _CONTROL = re.compile("[" + "".join(f"{chr(first)}-{chr(last)}" for first, last 
 _HARMLESS = bytes([0x09, 0x0A, 0x0D, *range(0x20, 0x7F)])
 # The same for regular expressions of Polars.
 CONTROLS = "[" + "".join(f"\\x{{{first:x}}}-\\x{{{last:x}}}" for first, last in _RANGES if first != 0xD800) + "]"
+# The beginning of a formula, unless the cell is a number; and as it is written.
+_FORMULA, _WRITTEN = r"^[=+\-@\t]", r"^'([=+\-@\t])"
 
 
 def plain(text: str) -> str:
@@ -46,3 +53,33 @@ def controls_in(content: object, at: str = "") -> Iterator[str]:
             yield from controls_in(part, path)
     elif isinstance(content, str) and first_control(content) is not None:
         yield at
+
+
+def as_text(cell: str) -> str:
+    """A cell as it is written; numbers are unchanged."""
+    if not re.match(_FORMULA, cell):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
+
+
+def from_text(cell: str) -> str:
+    """A cell as it was before `as_text`."""
+    return re.sub(_WRITTEN, r"\1", cell)
+
+
+def all_as_text() -> "pl.Expr":
+    """`as_text` of all columns of text of a table."""
+    import polars as pl
+
+    words = pl.col(pl.String)
+    formula = words.str.contains(_FORMULA) & words.cast(float, strict=False).is_null()
+    return pl.when(formula).then("'" + words).otherwise(words).name.keep()
+
+
+def column_from_text(column: "pl.Expr") -> "pl.Expr":
+    """`from_text` of a column of text."""
+    return column.str.replace(_WRITTEN, "${1}")

@@ -1,4 +1,9 @@
-"""Float64, enabled explicitly in one place."""
+"""Arithmetic of the process: float64, enabled explicitly in one place, and the threads of the linear algebra."""
+
+from contextlib import AbstractContextManager
+from functools import cache
+
+from threadpoolctl import ThreadpoolController
 
 
 def enable_float64() -> None:
@@ -28,3 +33,13 @@ def require_float64() -> None:
 
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise RuntimeError("tumblecal computes in float64: call tumblecal.enable_float64() before building a chain")
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def single_blas_thread() -> AbstractContextManager:
+    """For matrices of a hundred rows: threads would only wait for each other."""
+    return _threads().limit(limits=1, user_api="blas")

@@ -9,16 +9,18 @@ has files of one set only. The next set that is written there first completes un
 import errno
 import fnmatch
 import json
+import logging
 import os
 import shutil
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.ground.atomic import place_of, to_disk, writable_folder, written_aside
-from tumblecal.ground.errors import InputError
+from tumblecal.ground.errors import InputError, SupplementWarning, one_line
 from tumblecal.ground.folder_lock import held, is_held
 from tumblecal.ground.unwritable import unwritable_as_fault
 
@@ -172,3 +174,20 @@ def _named_as(folder: Path) -> Iterator[None]:
             raise
         aside, final = f"{folder / _UNFINISHED}{os.sep}", f"{folder}{os.sep}"
         raise InputError([fault.replace(aside, final) for fault in error.faults]) from error
+
+
+@contextmanager
+def supplement(name: str | Path) -> Iterator[None]:
+    """A block that draws a figure or writes a page; an error in it is a `SupplementWarning`, which tests turn into an error.
+
+    **Arguments:**
+
+    - `name`: path of the figure or page, or its name in words.
+    """
+    try:
+        yield
+    except Exception as error:
+        logging.getLogger(__name__).debug("%s", name, exc_info=True)
+        reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+        words = f"{final_place(Path(name))} is missing or incomplete ({one_line(reason)}); the results are complete"
+        warnings.warn(SupplementWarning(words), stacklevel=3)

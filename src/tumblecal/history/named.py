@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import shortened
 from tumblecal.history.database import damaged_documents, documents
 from tumblecal.history.entry import Entry
 

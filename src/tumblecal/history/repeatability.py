@@ -11,8 +11,8 @@ from scipy.special import ndtr, stdtr
 
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
-from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.option_texts import sizes
+from tumblecal.ground.precision import single_blas_thread
 from tumblecal.history.changes import Change, over_time
 from tumblecal.history.entry import Entry
 

@@ -19,10 +19,9 @@ from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import sensor_of
 from tumblecal.estimation.linear_calibration import linear_calibration
-from tumblecal.lab.corrected_reading import responses, with_undetected
+from tumblecal.lab.corrected_reading import expanded_uncertainty, responses, with_undetected
 from tumblecal.lab.diagnosed_use import not_written, use_of_diagnosis
 from tumblecal.lab.effect_forms import require_forms
-from tumblecal.lab.expanded_uncertainty import expanded_uncertainty
 from tumblecal.lab.sensor_terms import FittedEffect, SensorTerms, Signal, terms_of_chain
 
 

@@ -14,7 +14,7 @@ from tumblecal.estimation.contradicted import dof_of_readings
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import p_words
-from tumblecal.lab.expanded_uncertainty import DIRECTIONS
+from tumblecal.lab.corrected_reading import DIRECTIONS
 from tumblecal.lab.limits import gravity_use, limits, systematic_g, undetermined_use
 from tumblecal.lab.sensor_terms import SensorTerms, lacking_words
 

@@ -17,12 +17,10 @@ from tumblecal.estimation.contradicted import dof_of_readings, priors_p_value
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor, sensor_of
 from tumblecal.estimation.methods import Calibrated
-from tumblecal.ground.counted import shortened
-from tumblecal.ground.numbers_shown import p_words
+from tumblecal.ground.numbers_shown import p_words, shortened
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.units import in_words
-from tumblecal.lab.corrected_reading import responses, with_undetected
-from tumblecal.lab.expanded_uncertainty import expanded_uncertainty
+from tumblecal.lab.corrected_reading import expanded_uncertainty, responses, with_undetected
 from tumblecal.lab.limits import gravity_use, limits, systematic_g, undetermined_use
 from tumblecal.lab.missed_effects import MissedEffects, missed_effects
 from tumblecal.lab.sensor_terms import SensorTerms, terms_of_chain

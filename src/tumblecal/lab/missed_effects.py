@@ -31,7 +31,7 @@ from tumblecal.full_model.priors import EFFECT_WEIGHT, SIZE_PRIOR, VISIBLE
 from tumblecal.full_model.reference import moved_to_reference
 from tumblecal.full_model.tangent import Tangent, tangent
 from tumblecal.full_model.visibility import Visibilities, least_signal, visibilities
-from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.precision import single_blas_thread
 
 
 class MissedEffects(NamedTuple):

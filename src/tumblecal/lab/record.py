@@ -14,6 +14,7 @@ from tumblecal.data.calibration_use import Use
 from tumblecal.data.source_of import SourceRecord
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.attitude_scatter import AttitudeScatter
+from tumblecal.estimation.contradicted import ContradictedLevel
 from tumblecal.estimation.curves_of_fit import reported
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import Direction
@@ -21,7 +22,6 @@ from tumblecal.estimation.intrinsic import Intrinsic, intrinsic, one_sensor
 from tumblecal.estimation.linear_calibration import linear_calibration
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import Mountings, turns_of
-from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.setup.error import SetupErrorRecord
 from tumblecal.ground.errors import InputError

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.formula_cells import all_as_text
+from tumblecal.ground.plain_text import all_as_text
 
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import minimize, minimize_scalar
 
-from tumblecal.ground.counted import counted
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.plan.criterion import Criterion
 from tumblecal.plan.exchange import Chosen, exchange
 from tumblecal.plan.information import covariance_of

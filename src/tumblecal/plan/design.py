@@ -10,8 +10,8 @@ from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.nominal import UNIT_OF_LEAF, unit_of_parameter
 from tumblecal.chain.rig import Rig
 from tumblecal.effects.catalogue import Catalogue
-from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.precision import single_blas_thread
 from tumblecal.ground.record import rows, table
 from tumblecal.plan.candidates import Evaluated, candidates_of
 from tumblecal.plan.cells import Cells, Positions, cells_of

@@ -7,8 +7,8 @@ import numpy as np
 
 from tumblecal.chain.rig import Rig
 from tumblecal.effects.catalogue import Catalogue
-from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted, shortened
 from tumblecal.ground.option_texts import faults_of
 from tumblecal.plan.bounds import Bounds, best_plan
 from tumblecal.plan.candidates import Candidates

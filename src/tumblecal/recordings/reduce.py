@@ -11,8 +11,8 @@ from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.raw import read_raw
 from tumblecal.ground.atomic import scratch_folder
-from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.precision import single_blas_thread
 from tumblecal.recordings.dwells.by_columns import dwells_by_columns, table_with_plan
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.recordings.dwells.file_places import FilePlaces, places_by_names, places_by_table

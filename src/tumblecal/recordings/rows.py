@@ -12,10 +12,9 @@ from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.column_names import FORCE, LABELS, NUMBERS, QUANTITIES, RATE
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.text_layout import ROW
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.formula_cells import column_from_text
-from tumblecal.ground.plain_text import CONTROLS
+from tumblecal.ground.numbers_shown import counted
+from tumblecal.ground.plain_text import CONTROLS, column_from_text
 from tumblecal.recordings.clock import DAY_S
 from tumblecal.recordings.columns import Column, Layout
 from tumblecal.recordings.damage import DamageRecord

@@ -9,11 +9,11 @@ from tumblecal import __version__
 from tumblecal.chain import followings_of
 from tumblecal.data.position_comments import identity_words
 from tumblecal.data.source_of import digest_of
+from tumblecal.estimation.contradicted import UNLIKELY
 from tumblecal.estimation.curves_of_fit import Reported, reported
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
-from tumblecal.estimation.noise_level import UNLIKELY
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.lab.judgements import remedy_words
 from tumblecal.lab.limits import NO_GRAVITY

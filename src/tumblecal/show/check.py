@@ -15,8 +15,7 @@ from tumblecal.check.sensitivity import JOINED, POWER, combination_words, size_w
 from tumblecal.check.update import Update
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.estimation.attitudes import attitude_words
-from tumblecal.ground.counted import counted
-from tumblecal.ground.numbers_shown import decimals, rounded_together, with_decimals
+from tumblecal.ground.numbers_shown import counted, decimals, rounded_together, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.show.figures.check import FIGURES
 from tumblecal.show.page import write_page

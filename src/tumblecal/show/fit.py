@@ -3,9 +3,8 @@
 import numpy as np
 
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.estimation.contradicted import dof_of_readings
+from tumblecal.estimation.contradicted import UNLIKELY, ContradictedLevel, dof_of_readings
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.ground.gravity import normal_gravity
 from tumblecal.show.words import Words, words_of
 

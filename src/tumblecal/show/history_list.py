@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from tumblecal.ground.counted import counted
-from tumblecal.ground.numbers_shown import p_cell
+from tumblecal.ground.numbers_shown import counted, p_cell
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.history.entry import Entry
 from tumblecal.show.tables import Table, number

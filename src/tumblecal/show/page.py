@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from tumblecal import __version__
 from tumblecal.ground.atomic import write_text
-from tumblecal.ground.supplement import supplement
+from tumblecal.ground.result_set import supplement
 from tumblecal.show.figures.drawing import draw_each
 from tumblecal.show.tables import Table
 from tumblecal.show.verdict import COMMAND, Verdict

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.counted import shortened
 from tumblecal.ground.gravity import unit_in_g
+from tumblecal.ground.numbers_shown import shortened
 from tumblecal.show.tables import Table
 from tumblecal.show.words import Words, words_of
 

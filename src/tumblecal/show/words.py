@@ -13,15 +13,16 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.numbers_shown import (
     capped,
     changed,
+    counted,
     decimals,
     p_cell,
     p_words,
     rounded,
     rounded_together,
+    shortened,
     with_decimals,
 )
 from tumblecal.ground.suggested_command import suggested

@@ -12,8 +12,8 @@ from tumblecal.chain import Chain
 from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.catalogue import Catalogue, entry, first_link
 from tumblecal.effects.rig_with_effects import read_rig_with_effects
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.toml_faults import faults_at
 
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from tumblecal.ground.counted import counted, duration
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted, duration
 from tumblecal.studies.run import Study
 
 

@@ -17,8 +17,8 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.effects.catalogue import entry
-from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.precision import single_blas_thread
 from tumblecal.simulation.experiment import spread_of, with_known_coefficients
 from tumblecal.simulation.inject import injected_links
 from tumblecal.studies.study_tables import PowerTable, entries_of, noise_of, rig_of_study, table_of

@@ -5,8 +5,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.studies.chunk import NotThisChunk, study_hash
 from tumblecal.studies.store import Store
 

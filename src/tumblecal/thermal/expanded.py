@@ -14,7 +14,7 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, correction_slope, leaf_of
 from tumblecal.data.temperature_curves import TemperatureCurves
 from tumblecal.estimation.fit import Fit
-from tumblecal.lab.expanded_uncertainty import expanded_uncertainty
+from tumblecal.lab.corrected_reading import expanded_uncertainty
 from tumblecal.thermal.choice import Choice
 from tumblecal.thermal.design import Design
 from tumblecal.thermal.orders import chains_of, independent_share

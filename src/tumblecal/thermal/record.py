@@ -12,7 +12,7 @@ from tumblecal.data.calibration_table import calibration_table
 from tumblecal.data.calibration_use import Use
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.formula_cells import all_as_text
+from tumblecal.ground.plain_text import all_as_text
 from tumblecal.ground.record import Count, Estimate, ResultRecord, at, by_name
 from tumblecal.thermal.held_out import HeldOut
 from tumblecal.thermal.result import ThermalResult

@@ -18,8 +18,8 @@ from tumblecal.capture.decoding.sniff import guessed
 from tumblecal.capture.log import MAGIC, LogReader, RecordKind
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300_datagrams import settings_of
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 
 
 _PIECE, _RECORDS = 1 << 20, 1 << 10

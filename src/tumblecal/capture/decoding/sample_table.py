@@ -10,7 +10,7 @@ import polars as pl
 from tumblecal.capture.decoding.samples import Samples
 from tumblecal.data.parquet import metadata_of, put_checksum
 from tumblecal.ground.atomic import written_aside
-from tumblecal.ground.formula_cells import all_as_text
+from tumblecal.ground.plain_text import all_as_text
 from tumblecal.ground.unwritable import unwritable
 
 

@@ -12,7 +12,7 @@ from tumblecal.capture.decoding.samples import Samples, usable
 from tumblecal.capture.port.live import Arrived, collected
 from tumblecal.capture.protocols import Protocol
 from tumblecal.capture.run.rest import Blocks
-from tumblecal.ground.counted import counted
+from tumblecal.ground.numbers_shown import counted
 
 
 class Dwell:

@@ -7,7 +7,7 @@ from tumblecal.diagnosis.causes.faults import log_weights
 from tumblecal.diagnosis.causes.table import CauseTable, tables_of
 from tumblecal.diagnosis.priors import OUTLIER_VISIBLE
 from tumblecal.effects import AXES
-from tumblecal.estimation.setup.equal_ends import equal_ends
+from tumblecal.estimation.setup.unmeasured import equal_ends
 from tumblecal.full_model.tangent import Tangent
 
 

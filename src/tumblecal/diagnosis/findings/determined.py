@@ -16,8 +16,8 @@ from tumblecal.estimation.linearised import identifiability_of, linearised
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.problem import Problem
 from tumblecal.full_model.tangent import robust_start, tangent
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 
 
 LEAST_DOF = 3

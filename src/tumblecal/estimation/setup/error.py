@@ -8,7 +8,7 @@ import numpy as np
 
 from tumblecal.data import PositionSet
 from tumblecal.estimation.fit import Fit
-from tumblecal.ground.counted import shortened
+from tumblecal.ground.numbers_shown import shortened
 from tumblecal.ground.record import ResultRecord, at, by_name
 
 

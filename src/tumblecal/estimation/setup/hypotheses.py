@@ -303,9 +303,7 @@ def _index_offset(mounting: Mounting, place: Place) -> Iterator[Hypothesis]:
 
     holes = np.unique(np.round(np.subtract.outer(np.unique(alpha), np.unique(alpha)) % 360.0, 3))[:_MOST_HOLES]
     offset = mounting.nearest(at, 0.0, holes, np.arange(0.0, 360.0, 5.0))
-    if abs(offset - 360.0 * np.round(offset / 360.0)) >= (
-        _LEAST_INDEX_DEG if place.of_setting else _MOST_TURNED_DEG
-    ):
+    if abs(offset - 360.0 * np.round(offset / 360.0)) >= (_LEAST_INDEX_DEG if place.of_setting else _MOST_TURNED_DEG):
         yield at(offset)
 
 

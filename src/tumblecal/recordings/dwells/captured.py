@@ -18,9 +18,9 @@ from tumblecal.capture.run.dwell import losses_of
 from tumblecal.capture.run.run_folder import plan_of_run, settings_of_run
 from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment
 from tumblecal.data.position_comments import NOT_CONFIRMED, identity_words
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples
 from tumblecal.recordings.dwells.place import Place

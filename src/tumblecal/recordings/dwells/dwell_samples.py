@@ -13,9 +13,9 @@ from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import PositionSet
-from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity
+from tumblecal.ground.numbers_shown import shortened
 from tumblecal.recordings.dwells.place import Place, position_set
 from tumblecal.recordings.options import KnownContext
 from tumblecal.recordings.recording import Recording

@@ -9,8 +9,8 @@ import numpy as np
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.files import csv_table
-from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import shortened
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.dwells.file_names import stems_of
 from tumblecal.recordings.dwells.place import Place

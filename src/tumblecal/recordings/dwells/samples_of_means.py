@@ -7,8 +7,8 @@ import numpy as np
 
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import shortened
 
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import numpy as np
 from tumblecal.data.line_form import LineForm
 from tumblecal.data.text_cells import pieces_of
 from tumblecal.data.text_layout import TextLayout
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.formats.already_corrected import ardupilot_correction
 from tumblecal.recordings.formats.text import text_table

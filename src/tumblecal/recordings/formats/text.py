@@ -12,9 +12,9 @@ from tumblecal.data.files import stated
 from tumblecal.data.line_form import FORM_SEPARATOR, clock_form, has_words, without_clock, word_forms
 from tumblecal.data.text_cells import cells_of, numbers_in, row_of, separator_of
 from tumblecal.data.text_layout import SEPARATORS, TextLayout
-from tumblecal.ground.counted import counted
 from tumblecal.ground.decimal_marks import DECIMAL_COMMA
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.text_file import comment_in, is_utf16, opened, shown
 from tumblecal.recordings.formats.text_layouts import header_of, kinds_of, layout_of_kind, statements_in
 from tumblecal.recordings.table import Reader, Source, Table

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.ground.counted import counted
 from tumblecal.ground.decoding import decoding, silenced
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.recordings.formats.already_corrected import PX4_CORRECTED_TOPICS, px4_correction
 from tumblecal.recordings.table import Reader, Source, Table, library, of_arrays
 

@@ -12,8 +12,8 @@ from tumblecal.capture.decoding.framing import Found, find
 from tumblecal.capture.decoding.sample_table import known_columns, table_of
 from tumblecal.capture.decoding.samples import Samples, joined
 from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
 

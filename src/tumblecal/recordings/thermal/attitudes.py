@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.data.parquet import scan_parquet
-from tumblecal.ground.counted import shortened
+from tumblecal.ground.numbers_shown import shortened
 from tumblecal.recordings.dwells.place import Place
 from tumblecal.recordings.dwells.plan_match import matched
 from tumblecal.recordings.still.intervals import Interval

@@ -13,7 +13,7 @@ import polars as pl
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.precision import single_blas_thread
 from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import RecordedNoise
 from tumblecal.recordings.thermal.branches import branches_of_course

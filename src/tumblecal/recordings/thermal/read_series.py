@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.ground.atomic import scratch_folder
-from tumblecal.ground.counted import shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
+from tumblecal.ground.numbers_shown import shortened
 from tumblecal.recordings.clock import LONGEST_STEP_S
 from tumblecal.recordings.dwells.dwell_samples import stated_comments
 from tumblecal.recordings.dwells.place import Place, label_of_rows

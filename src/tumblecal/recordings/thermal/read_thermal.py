@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 
 from tumblecal.capture.capture_plan import read_plan
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.numbers_shown import counted
 from tumblecal.recordings.dwells.file_names import stems_of
 from tumblecal.recordings.dwells.file_places import places_by_table
 from tumblecal.recordings.dwells.join import notes_of

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from tumblecal.ground.atomic import write_text
-from tumblecal.ground.supplement import supplement
+from tumblecal.ground.result_set import supplement
 
 
 # Colours that colour-blind readers distinguish, also in grey (Okabe and Ito 2008).

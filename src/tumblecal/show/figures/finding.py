@@ -14,7 +14,7 @@ from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.coefficients import findings_of_causes, first_unnamed
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.supplement import supplement
+from tumblecal.ground.result_set import supplement
 from tumblecal.show.figures.calibration import overview_figure
 from tumblecal.show.figures.drawing import (
     AXIS_COLOUR,
