@@ -13,9 +13,9 @@ from tumblecal.ground.soaks import ONE_TEMPERATURE_DEGC, soak_numbers
 from tumblecal.plan.cells import Cells, Positions, cells_of
 from tumblecal.plan.criterion import attitudes_in_use
 from tumblecal.plan.forecast.record import EffectForecast
+from tumblecal.plan.information import Uncertainties, uncertainties
 from tumblecal.plan.responses import Responses, responses_of
 from tumblecal.plan.schedule import Schedule, schedule
-from tumblecal.plan.uncertainties import Uncertainties, in_use_sd, uncertainties
 
 
 @dataclass(frozen=True)
@@ -97,14 +97,18 @@ class Candidates:
         return schedule(self.responses.cells, order, self.ability.times)
 
     @property
-    def minutes_measured(self) -> float:
-        """Duration of the positions that are measured already."""
-        return self.scheduled(self.measured).minutes if len(self.measured) else 0.0
+    def before(self) -> tuple[float, tuple[int, int]]:
+        """Duration of the positions that are measured already, min, and their visits of pitch settings and of mountings."""
+        if not len(self.measured):
+            return 0.0, (0, 0)
+        done = self.scheduled(self.measured)
+        return done.minutes, (1 + int(done.pitch_visit[-1]), 1 + int(done.mount_visit[-1]))
 
     def evaluated(self, positions: Positions, planned: Schedule, *, fits: bool = True) -> Evaluated:
         """A schedule of these cells with its uncertainties."""
         found = uncertainties(self.responses, planned, self.ability)
-        return Evaluated(positions, planned, found, in_use_sd(self.use, found.covariance), fits)
+        of_force = np.sqrt(np.vecdot(self.use.columns @ found.covariance, self.use.columns))
+        return Evaluated(positions, planned, found, of_force, fits)
 
     def in_time(self, positions: Positions, once: Int[np.ndarray, " positions"], minutes: float) -> Evaluated:
         """Positions of each mounting and temperature repeated, without remounting, until the time is used: the last mounting

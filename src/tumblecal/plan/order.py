@@ -16,11 +16,10 @@ from jaxtyping import Float, Int
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.of_head import tabulated_covariance
+from tumblecal.plan.information import SEARCHED, scheduled_model, uncertainties
 from tumblecal.plan.limits import in_order
-from tumblecal.plan.linear_model import SEARCHED, scheduled_model
 from tumblecal.plan.responses import Responses
 from tumblecal.plan.schedule import Schedule, schedule
-from tumblecal.plan.uncertainties import information_of, uncertainties
 
 
 Kind = Literal["best", "random", "keep"]
@@ -103,7 +102,7 @@ def best_order(
         raise InputError(f"{needed}, but {minutes:g} min are allowed; allow more time or fewer positions")
     model = scheduled_model(responses, planned)
     value = criterion.of(uncertainties(responses, planned, ability).covariance)
-    return Ordered(planned, float(value), float(criterion.of(model.shared(information_of(model)))))
+    return Ordered(planned, float(value), float(criterion.of(model.shared(model.with_all()))))
 
 
 def _objective(
@@ -126,7 +125,7 @@ def _objective(
         planned = schedule(responses.cells, orders, times, measured)
         model = scheduled_model(responses, planned, SEARCHED)
         shared = None if table is None else table(planned.start_s) / responses.sd**2
-        values = criterion.of(model.shared(information_of(model, shared)))
+        values = criterion.of(model.shared(model.with_all(shared)))
         over = np.maximum(planned.end_s / limit_s - 1.0, 0.0)
         return np.log(values) + price * np.log(planned.end_s) + np.where(over > 0, 1e3 + 1e6 * over, 0.0)
 

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
-from tumblecal.chain.head_ability import SlowNoise
 from tumblecal.chain.rig import Rig
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER
@@ -22,7 +21,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.forecast.alias import error_in_use
 from tumblecal.plan.forecast.decisions import Decisions, decisions, detections, identities
-from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_cells, effects_of_plan
 from tumblecal.plan.forecast.record import Alias, EffectForecast, Limit, NamingForecast
 
 
@@ -84,14 +83,11 @@ def hidden_on_head(rig: Rig, ids: Sequence[str], entries: Catalogue, like: FullM
     """Those of some effects that no positions on a rig's head show, by many of its cells; `like`: the model of a plan."""
     if rig.ability is None or not ids:
         return ()
-    cells, plan = cells_of(rig.ability), rig.plan
+    cells = cells_of(rig.ability)
     if len(cells) > _MOST_CELLS:
         cells = cells.chosen(np.sort(np.random.default_rng(0).permutation(len(cells))[:_MOST_CELLS]))
-    cells = replace(cells, temperature_degc=None) if plan.temperature_degc is None else cells
-    times = None if plan.time_s is None else rig.ability.times.dwell_s * np.arange(len(cells))
-    everywhere = cells.plan(tuple(map(str, range(len(cells)))), times)
-    whole = replace(rig, plan=everywhere, ability=replace(rig.ability, slow_noise=SlowNoise()))
-    every = effects_of_plan(whole, {id: entries[id] for id in ids}, like)
+    seconds = rig.ability.times.dwell_s * len(cells)
+    every = effects_of_cells(rig, cells, {id: entries[id] for id in ids}, seconds, like)
     return tuple(id for id in every.ids if not _visible(every, id))
 
 
