@@ -9,10 +9,9 @@ import numpy as np
 from plan.promises import head
 from tumblecal.chain.head_ability import Times
 from tumblecal.ground.errors import InputError
-from tumblecal.plan.bounds import bounds
+from tumblecal.plan.bounds import best_plan
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.criterion import attitudes_in_use, in_use, of_parameters
-from tumblecal.plan.exchange import Term, exchange
 from tumblecal.plan.information import one_visit
 from tumblecal.plan.limits import Limits
 from tumblecal.plan.responses import responses_of
@@ -70,7 +69,6 @@ def planned(rng: np.random.Generator, seed: int, whole, use):
     try:
         criterion = in_use(use) if combine == "in use" else of_parameters(combine, few)
         model, limits = one_visit(few), Limits(few.cells, times, np.ones(len(few.cells), bool), **limit)
-        chosen = exchange(limits, [Term(((model, criterion),))], restarts=2, seed=seed)
-        return bounds(model, model, criterion, limits, chosen.cells)
+        return best_plan(model, model, criterion, limits, seed=seed)[1]
     except InputError:
         return None

@@ -50,11 +50,11 @@ def test_no_plan_is_better_than_its_bound(head, candidates, model, build, minute
         for plan in plans(cells, ability, minutes or np.inf, sizes)
     }
     best = min(every, key=lambda plan: every[plan])
-    found = bounds(model, model, criterion, limits, best)
+    found = bounds(model, criterion, limits, best)
     assert found.value == pytest.approx(every[best], rel=1e-6)
     assert found.white <= found.own <= every[best] * (1 + 1e-12)  # two ways to compute one value
     # The bound does not depend on the plan that is known, and it is not an empty one.
-    other = bounds(model, model, criterion, limits, max(every, key=lambda plan: every[plan]))
+    other = bounds(model, criterion, limits, max(every, key=lambda plan: every[plan]))
     assert other.white <= every[best] * (1 + 1e-9)
     assert found.white > 0.8 * every[best]
     assert bool(found.reason) == (found.efficiency < 0.95)
@@ -79,6 +79,6 @@ def test_the_bound_of_a_number_of_positions_is_the_least_of_its_relaxation(candi
         constraints={"type": "eq", "fun": lambda w: w.sum() - 7},
     )
     limits = Limits(candidates.cells, head.ability.times, np.isin(np.arange(80), FEW), 7)
-    found = bounds(model, model, criterion, limits, FEW[:7])
+    found = bounds(model, criterion, limits, FEW[:7])
     assert np.log(found.white) == pytest.approx(expected.fun, abs=3e-3)
     assert np.log(found.white) <= expected.fun + 1e-6

@@ -4,29 +4,33 @@ The logarithm of a criterion is convex in the information, so its tangent at any
 
     log(value of a plan) >= log(value of the mixture) + gains of its positions - gains of the positions of the plan
 
-The gains of a plan are at most those that a price of the time allows. Every set of mountings and temperatures has a bound.
-Settings are visited once each. A second visit of a setting is of use if its error is drawn again (`[head.repeatability]`): the
-same bound in the model of several visits (`one_visit`) is one for every plan.
+The gains of a plan are at most those of the best positions in the best pitch settings. Plans are divided into classes, each
+with a number of pitch settings and the number of positions that then fit. Settings are visited once each. A second visit of a
+setting is of use if its error is drawn again (`[head.repeatability]`): the same bound in the model of several visits
+(`one_visit`) is one for every plan.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import minimize
 
 from tumblecal.ground.counted import shortened
 from tumblecal.plan.criterion import Criterion
+from tumblecal.plan.exchange import Term, exchange
 from tumblecal.plan.information import LinearModel, covariance_of
 from tumblecal.plan.limits import Limits
 
 
 # An efficiency that needs no reason; a bound above the second share of the value is close enough.
 GOOD, _CLOSE = 0.95, 0.995
-# Largest number of plans that are added to a mixture.
-_MIXED = 120
+# Largest number of tangents, and of plans that are added to a mixture.
+_SEARCHES, _MIXED = 100, 120
+# A plan this close to its bound is not searched further; the most promising classes are searched in each round.
+_ENOUGH, _ROUNDS, _CLASSES = 0.99, 3, 4
 # A mixture ends at this duality gap, or if so many plans more do not raise its bound. Least share of a plan in it, and share
 # of all cells together.
 _GAP, _PATIENCE, _LEAST, _FLOOR = 1e-3, 10, 1e-4, 3e-4
@@ -40,7 +44,8 @@ class Bounds:
 
     - `white`: of every plan within the limits that visits each setting once. `own`: of such plans with the number of positions
       of this plan, in its settings. `repeated`: of every plan within the limits, with any number of visits.
-    - `value`: of the plan. `reason`: for the distance to the bound.
+    - `value`: of the plan. `reason`: for the distance to the bound. `rounded`: whole positions near the mixtures of the classes
+      in which a better plan is not excluded, the most promising class first.
     """
 
     white: float
@@ -48,6 +53,7 @@ class Bounds:
     value: float
     repeated: float
     reason: str
+    rounded: tuple[Int[np.ndarray, " positions"], ...] = ()
 
     @property
     def efficiency(self) -> float:
@@ -55,74 +61,105 @@ class Bounds:
         return self.white / self.value
 
 
-class Resource(NamedTuple):
-    """Number of positions, or time of some cells: how much there is, and what a position and a pitch setting take."""
+class Class(NamedTuple):
+    """Plans with at most so many positions at so many pitch settings, in some cells."""
 
     cells: Bool[np.ndarray, " cells"]
-    whole: float
-    position: float = 1.0
-    group: float = 0.0
+    groups: int
+    positions: float
 
 
 class Tangent(NamedTuple):
-    """`level` minus the `gain` of the positions of a plan: a bound of the logarithm of its value."""
+    """`level` minus the `gain` of the positions of a plan: a bound of the logarithm of its value; `fractions` of positions in
+    each cell of the mixture."""
 
     level: float
     gain: Float[np.ndarray, " cells"]
+    fractions: Float[np.ndarray, " cells"]
 
 
-def bounds(
-    model: LinearModel, several: LinearModel, criterion: Criterion, limits: Limits, chosen: Sequence[int] | np.ndarray
-) -> Bounds:
-    """Bounds for the best plan within limits.
+def best_plan(
+    model: LinearModel, several: LinearModel, criterion: Criterion, limits: Limits, *, restarts: int = 2, seed: int = 0
+) -> tuple[Int[np.ndarray, " positions"], Bounds]:
+    """Exchange, then bounds; then exchange from the mixtures of the classes of plans that the bounds do not exclude.
 
-    **Arguments:** `several`: the model of several visits. `chosen`: cells of a good plan.
+    **Arguments:** `several`: the model of several visits, for the bound of any plan.
     """
+    terms = [Term(((model, criterion),))]
+    chosen = exchange(limits, terms, restarts=restarts, seed=seed).cells
+    found = bounds(model, criterion, limits, chosen)
+    for number in range(1, _ROUNDS + 1):
+        if found.efficiency >= _ENOUGH or not found.rounded:
+            break
+        # A plan far from its bound gets new random starts too.
+        far = found.efficiency < GOOD
+        other = exchange(limits, terms, restarts=restarts * far, seed=seed + number, starts=found.rounded)
+        if other.value < found.value * (1 - 1e-6):
+            chosen, found = other.cells, bounds(model, criterion, limits, other.cells)
+        elif not far:
+            break
+    repeated = bounds(several, criterion, limits, chosen).white
+    return chosen, replace(found, repeated=min(repeated, found.white))
+
+
+def bounds(model: LinearModel, criterion: Criterion, limits: Limits, chosen: Sequence[int] | np.ndarray) -> Bounds:
+    """Bounds for the best plan within limits; `chosen`: cells of a good one."""
     value, group = float(criterion.of(model.covariance(chosen))), limits.cells.group
-    white, repeated = (_least(one, criterion, limits, [*_resources(limits)], value) for one in (model, several))
-    inside = Resource(limits.allowed & np.isin(group, group[np.asarray(chosen, int)]), len(chosen))
-    own = max(_least(model, criterion, limits, [[inside]], value), white)
+    white, rounded = _least(model, criterion, limits, [*_classes(limits)], value)
+    settings = np.unique(group[np.asarray(chosen, int)])
+    inside = Class(limits.allowed & np.isin(group, settings), len(settings), len(chosen))
+    own = max(_least(model, criterion, limits, [inside], value)[0], white)
     kind, hopeless = "positions" if own * own < white * value else "settings", model.undetermined()
     reason = (
         f"whole {kind}: for fractions of positions in the settings of the plan it is {own / value:.1%} of the value"
     )
     if lost := [name for name in model.undetermined(chosen) if name not in hopeless]:
         reason = f"too few positions: they do not determine {shortened(lost, 9)}, but fractions of more positions do"
-    return Bounds(white, own, value, min(repeated, white), reason if white < GOOD * value else "")
+    return Bounds(white, own, value, white, reason if white < GOOD * value else "", rounded)
 
 
-def _resources(limits: Limits) -> Iterator[list[Resource]]:
-    """The resources of every set of mountings and temperatures."""
-    times = limits.times
+def _classes(limits: Limits) -> Iterator[Class]:
+    """All plans within limits: sets of mountings and temperatures, each with the numbers of positions at so many pitch settings
+    that fit."""
+    times, cells = limits.times, limits.cells
     # A turn may be saved where the pitch setting changes, and in a cell that is measured twice.
     turn = min(times.turn_s, times.pitch_change_s) if limits.repeats == 1 else 0.0
-    position, group = times.dwell_s + times.settle_s + turn, times.pitch_change_s - turn
-    for cells in limits.sets:
-        soaks, mountings = (len(np.unique(label[cells])) for label in (limits.cells.soak, limits.cells.mounting))
-        changes = (mountings - 1) * times.remount_s + (soaks - 1) * times.temperature_change_s
-        time = limits.seconds - changes + soaks * times.pitch_change_s + 1e-6
-        count = [] if np.isinf(limits.count) else [Resource(cells, limits.count)]
-        if not limits.timed or time > position + group:
-            yield count + ([Resource(cells, time, position, group)] if limits.timed else [])
+    for inside in limits.sets:
+        soaks, mountings, most = (len(np.unique(label[inside])) for label in (cells.soak, cells.mounting, cells.group))
+        free = limits.seconds - (mountings - 1) * times.remount_s - (soaks - 1) * times.temperature_change_s
+        before = 0.0
+        for groups in range(most, 0, -1):
+            time = free - (groups - soaks) * times.pitch_change_s + groups * turn + 1e-6
+            fit = min(np.floor(time / (times.dwell_s + times.settle_s + turn)), limits.count)
+            # A class with more settings and as many positions contains this one.
+            if fit >= groups and fit > before:
+                yield Class(inside, groups, fit)
+                before = fit
 
 
 def _least(
-    model: LinearModel, criterion: Criterion, limits: Limits, sets: Sequence[Sequence[Resource]], value: float
-) -> float:
-    """The least bound of some sets, each with the highest bound that one of its resources gives."""
-    tangents, least = list[Tangent](), np.log(value)
-    for resources in sets:
-        enough = min(least, np.log(_CLOSE * value))
-        bound = max((t.level - _most(limits, r, t.gain)[0] for t in tangents for r in resources), default=-np.inf)
-        for resource in resources:
-            if bound < enough:
-                tangents.append(_tangent(model, criterion, limits, resource, enough))
-                bound = max(bound, tangents[-1].level - _most(limits, resource, tangents[-1].gain)[0])
-        least = min(least, bound)
-    return float(np.exp(least))
+    model: LinearModel, criterion: Criterion, limits: Limits, classes: Sequence[Class], value: float
+) -> tuple[float, tuple[Int[np.ndarray, " positions"], ...]]:
+    """The least bound of some classes, and whole positions near the mixtures of those with the lowest bounds; a class with a
+    low one gets a tangent for itself."""
+    bound, searched, close = np.full(len(classes), -np.inf), dict[int, np.ndarray](), np.log(_CLOSE * value)
+    at = 0
+    while bound[at] < close and at not in searched and len(searched) < _SEARCHES:
+        level, gain, fractions = _tangent(model, criterion, limits, classes[at], close)
+        for k in np.flatnonzero(bound < close).tolist():
+            bound[k] = max(bound[k], level - _most(limits, classes[k], gain)[0])
+        # The cells with the largest fractions, in the pitch settings with the most positions.
+        _, groups, positions = classes[at]
+        group = limits.cells.group
+        best = np.argsort(-np.bincount(group, fractions), kind="stable")[:groups]
+        cells = np.argsort(-np.where(np.isin(group, best), fractions, -1.0), kind="stable")
+        searched[at] = np.repeat(cells, limits.repeats)[: int(positions)]
+        at = int(np.argmin(bound))
+    better = [k for k in np.argsort(bound, kind="stable").tolist() if k in searched and bound[k] < np.log(value) - 1e-3]
+    return min(float(np.exp(bound.min())), value), tuple(searched[k] for k in better[:_CLASSES])
 
 
-def _tangent(model: LinearModel, criterion: Criterion, limits: Limits, resource: Resource, enough: float) -> Tangent:
+def _tangent(model: LinearModel, criterion: Criterion, limits: Limits, one: Class, enough: float) -> Tangent:
     """The tangent with the highest bound, at a mixture of plans, until that reaches the logarithm `enough`.
 
     Plans that reduce the criterion most are added to the mixture one by one (simplicial decomposition: von Hohenbalken 1977,
@@ -144,11 +181,11 @@ def _tangent(model: LinearModel, criterion: Criterion, limits: Limits, resource:
         log_value, _, root = at(shares, each)
         return log_value, -(1 - _FLOOR) * np.sum((each @ root) * root, axis=(1, 2))
 
-    plans = _most(limits, resource, np.sum(columns[:, :, :shared] ** 2, axis=(1, 2)))[1][None]
+    plans = _most(limits, one, np.sum(columns[:, :, :shared] ** 2, axis=(1, 2)))[1][None]
     # A little of every cell: only then do gains include that the error of a pitch setting has to be determined too.
-    floor = _FLOOR * resource.cells * np.sum(plans) / np.count_nonzero(resource.cells)
+    floor = _FLOOR * one.cells * np.sum(plans) / np.count_nonzero(one.cells)
     before, each, shares, since = model.information + added(floor), added(plans[0])[None], np.ones(1), 0
-    best, highest = Tangent(0.0, floor), -np.inf
+    best, highest = Tangent(0.0, floor, floor), -np.inf
     for _ in range(_MIXED):
         if len(shares) > 1:
             whole = {"type": "eq", "fun": lambda s: s.sum() - 1, "jac": np.ones_like}
@@ -159,8 +196,9 @@ def _tangent(model: LinearModel, criterion: Criterion, limits: Limits, resource:
             shares = np.maximum(solved.x, 0) / np.maximum(solved.x, 0).sum()
         log_value, level, root = at(shares, each)
         gain = np.sum((flat @ root).reshape(len(columns), -1) ** 2, axis=1)
-        here = Tangent(level + float(gain @ ((1 - _FLOOR) * shares @ plans + floor)), gain)
-        most, plan = _most(limits, resource, gain)
+        fractions = (1 - _FLOOR) * shares @ plans + floor
+        here = Tangent(level + float(gain @ fractions), gain, fractions)
+        most, plan = _most(limits, one, gain)
         since = 0 if here.level - most > highest + 1e-5 else since + 1
         if here.level - most > highest:
             best, highest = here, here.level - most
@@ -172,26 +210,24 @@ def _tangent(model: LinearModel, criterion: Criterion, limits: Limits, resource:
     return best
 
 
-def _most(
-    limits: Limits, resource: Resource, gain: Float[np.ndarray, " cells"]
-) -> tuple[float, Float[np.ndarray, " cells"]]:
-    """At least the sum of gains of any plan, and a plan with this sum, in fractions.
+def _most(limits: Limits, one: Class, gain: Float[np.ndarray, " cells"]) -> tuple[float, Float[np.ndarray, " cells"]]:
+    """At least the sum of gains of any plan of a class, and a plan with this sum, in fractions.
 
-    A position, and a pitch setting, must gain more than its price, which is raised until the resource is enough. The sum of
-    these gains and of the price of the whole resource is valid for any price (Lagrange).
+    A position must gain more than a price, which is raised until no more positions do than there are. The sum of these gains
+    and of the price of all positions is valid for any price (Lagrange).
     """
-    _, share, position, group = resource
-    inside = np.where(resource.cells, gain, 0.0)
+    inside, group = np.where(one.cells, gain, 0.0), limits.cells.group
 
-    def at(price: float) -> tuple[float, np.ndarray, float]:
-        more = limits.repeats * np.maximum(inside - price * position, 0.0)
-        open = np.bincount(limits.cells.group, more) - price * group
-        plan = limits.repeats * ((more > 0) & (open > 0)[limits.cells.group])
-        return float(price * share + np.maximum(open, 0).sum()), plan, plan.sum() * position + np.sum(open > 0) * group
+    def at(price: float) -> tuple[float, np.ndarray]:
+        more = limits.repeats * np.maximum(inside - price, 0.0)
+        of_group = np.bincount(group, more)
+        best = np.argsort(of_group, kind="stable")[-one.groups :]
+        return float(of_group[best].sum() + price * one.positions), limits.repeats * ((more > 0) & np.isin(group, best))
 
-    low, high = 0.0, float(inside.max()) / position
+    low, high = 0.0, float(inside.max())
     for _ in range(_STEPS):
         price = (low + high) / 2
-        low, high = (price, high) if at(price)[2] > share else (low, price)
-    (_, many, over), (bound, few, under) = at(low), at(high)
-    return bound, few + (many - few) * np.clip((share - under) / max(over - under, 1e-300), 0.0, 1.0)
+        low, high = (price, high) if at(price)[1].sum() > one.positions else (low, price)
+    many, (bound, few) = at(low)[1], at(high)
+    share = (one.positions - few.sum()) / max(many.sum() - few.sum(), 1)
+    return bound, few + (many - few) * np.clip(share, 0.0, 1.0)

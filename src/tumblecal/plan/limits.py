@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations, pairwise, product
+from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -110,7 +110,7 @@ def in_order(
     present: int | None = None,
     rng: np.random.Generator | None = None,
 ) -> Int[np.ndarray, " positions"]:
-    """Cells in an order that visits each setting once: temperatures upwards, the fewest remounts, pitch settings there and
+    """Cells in an order that visits each setting once: temperatures upwards, few remounts, pitch settings there and
     back, and within a pitch setting one turn of the spindle from its last angle on; pitch settings and their positions in
     random order with `rng`. The `present` cell comes first."""
     taken, order, sitting_of = np.asarray(taken, int), list[int](), cells.sittings
@@ -132,23 +132,15 @@ def in_order(
 
 @lru_cache(maxsize=10_000)
 def sittings_in_order(sittings: frozenset[Sitting], present: Sitting | None = None) -> tuple[int, tuple[Sitting, ...]]:
-    """The fewest remounts of some sittings, and their order: temperatures upwards, that of the `present` one first (dynamic
-    programming over the last mounting)."""
-
-    def remounts(order: Sequence[Sitting]) -> int:
-        start = () if present is None else (present,)
-        return sum(one[1] != then[1] for one, then in pairwise((*start, *order)))
-
-    paths: list[tuple[Sitting, ...]] = [()]
-    for soak in sorted(
-        {soak for soak, _ in sittings}, key=lambda one: (present is not None and one != present[0], one)
-    ):
-        here = sorted(one for one in sittings if one[0] == soak)
-        ends = [(one, last) for one, last in product(here, here) if one != last or len(here) == 1]
-        longer = [
-            (*path, *dict.fromkeys((one, *(other for other in here if other != last), last)))
-            for path, (one, last) in product(paths, ends)
-        ]
-        paths = list({path[-1]: path for path in sorted(longer, key=remounts, reverse=True)}.values())
-    best = min(paths, key=remounts)
-    return remounts(best), best
+    """Remounts of some sittings, and their order: temperatures upwards, that of the `present` one first; at each temperature
+    the last mounting first, and one that the next temperature needs last."""
+    mounts_at, remounts, order = dict[int, set[int]](), 0, list[Sitting]()
+    for soak, mounting in sorted(sittings, key=lambda one: (present is not None and one[0] != present[0], one)):
+        mounts_at.setdefault(soak, set()).add(mounting)
+    last = None if present is None else present[1]
+    for (soak, mounts), following in zip(mounts_at.items(), [*mounts_at.values(), set[int]()][1:], strict=True):
+        for mounting in sorted(mounts, key=lambda one: (one != last, one in following, one)):
+            remounts += last not in (None, mounting)
+            order.append((soak, mounting))
+            last = mounting
+    return remounts, tuple(order)

@@ -9,7 +9,7 @@ from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import faults_of
-from tumblecal.plan.bounds import Bounds, bounds
+from tumblecal.plan.bounds import Bounds, best_plan
 from tumblecal.plan.candidates import Candidates
 from tumblecal.plan.criterion import Combine, Criterion, in_use, of_parameters, weighted
 from tumblecal.plan.exchange import Term, exchange
@@ -59,12 +59,14 @@ def searched(rig: Rig, candidates: Candidates, wanted: Wanted, entries: Catalogu
     responses = candidates.responses.chosen(np.arange(max(candidates.of_head, 1 + int(measured.max(initial=-1)))))
     model, limits = one_visit(responses, measured), _limits(candidates, responses, wanted)
     terms, criterion = _criteria(rig, candidates, responses, model, limits, wanted, entries)
-    chosen = exchange(limits, terms, restarts=wanted.restarts, seed=wanted.seed).cells
-    _require_determined(rig, model, wanted, chosen)
     found = None
     if {*wanted.criteria} <= {*COVARIANCE}:
         most = [now + number for now, number in zip(most_visits(limits), visits, strict=True)]
-        found = bounds(model, one_visit(responses, measured, most=most), criterion, limits, chosen)
+        several = one_visit(responses, measured, most=most)
+        chosen, found = best_plan(model, several, criterion, limits, restarts=wanted.restarts, seed=wanted.seed)
+    else:
+        chosen = exchange(limits, terms, restarts=wanted.restarts, seed=wanted.seed).cells
+    _require_determined(rig, model, wanted, chosen)
     minutes = None if wanted.minutes is None else wanted.minutes + before
     settings = {"minutes": minutes, "seed": wanted.seed, "kind": wanted.order, "measured": measured}
     ordered = best_order(candidates.responses, candidates.ability, criterion, chosen, **settings)
