@@ -1,8 +1,8 @@
 """Decisions of the diagnosis on many residual vectors of one plan: detected, named, identified.
 
-The diagnosis searches all sets of causes. If one effect alone is there, the sets that count are every single cause, the most
-probable ones with one cause more, other noise, and lack of fit. These are evaluated here for all vectors together, by the
-formulas and with the numbers of the diagnosis.
+The diagnosis searches all sets of causes. If one effect alone is there, the sets that count are every single cause, the effect
+with one cause more, other noise, and lack of fit. These are evaluated here for all vectors together, by the formulas and with
+the numbers of the diagnosis.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,6 @@ from tumblecal.diagnosis.priors import (
     LACK_OF_FIT_WEIGHT,
     LEAST_ODDS,
     NEGLIGIBLE,
-    PROMISING,
     SURE,
 )
 from tumblecal.diagnosis.sets.cause_sets import Members, rows_of
@@ -76,14 +75,9 @@ def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> D
     alternative = np.max([singles[:, others].max(axis=1, initial=-np.inf), noise[:, 0], unnamed], axis=0)
     leading = np.maximum(_sum(singles[:, own]), singles[:, right].max(axis=1))
     together = with_another[:, pool.is_named].max(axis=1)
-    claimed, total = (
-        _sum(singles[:, right], with_another[:, powers]),
-        _sum(none[:, None], singles, with_another, noise, lack),
-    )
-    found = (leading >= np.maximum(alternative, together)) & (claimed - total >= np.log(SURE))
-    sure = np.flatnonzero(found)
-    total[sure] = np.logaddexp(total[sure], _pairs_without(of, start, z[sure], singles[sure]))
-    identified[here] = found & (claimed - total >= np.log(SURE))
+    claimed = _sum(singles[:, right], with_another[:, powers])
+    total = _sum(none[:, None], singles, with_another, noise, lack)
+    identified[here] = (leading >= np.maximum(alternative, together)) & (claimed - total >= np.log(SURE))
     named[here] = np.maximum(leading, together) >= alternative
     rest = np.flatnonzero(~named[here])
     named[here[rest]] = _imitates(of, start, z[rest], singles[rest], _sum(singles[:, own])[rest])
@@ -120,22 +114,6 @@ def _with_each(
     scores = enlarged.evidence + priors
     enlarged.settle(scores >= scores.max(axis=1, keepdims=True) - NEGLIGIBLE / 2)
     return np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
-
-
-def _pairs_without(
-    of: EffectsOfPlan, start: int, z: Float[np.ndarray, "draws nu"], singles: Float[np.ndarray, "draws causes"]
-) -> Float[np.ndarray, " draws"]:
-    """Logarithm of the sum over pairs without `start`: every other cause that is not far behind the best with one cause more.
-    Each pair is counted once, by the first of its causes."""
-    pool, total = of.pool, np.full(len(z), -np.inf)
-    near = singles >= singles.max(axis=1, keepdims=True) - PROMISING
-    near[:, np.setdiff1d(np.arange(pool.size), pool.blocks)] = near[:, start] = False
-    for cause in np.flatnonzero(near.any(axis=0)).tolist():
-        here = np.flatnonzero(near[:, cause])
-        pairs = _with_each(of, (cause,), z[here])
-        pairs[:, :cause][near[here, :cause]] = pairs[:, start] = -np.inf
-        total[here] = np.logaddexp(total[here], _sum(pairs))
-    return total
 
 
 def _alternatives(

@@ -103,6 +103,11 @@ class EffectsOfPlan:
         """What the nominal model leaves of it."""
         return self.at.basis.T @ self.signal(id)
 
+    def visible(self, id: str) -> float:
+        """Share of the signal of an effect that the nominal parameters do not absorb."""
+        whole = float(np.linalg.norm(self.signal(id)))
+        return float(np.linalg.norm(self.shown(id))) / whole if whole else 0.0
+
     @property
     def ids(self) -> tuple[str, ...]:
         """The effects that the schedule allows."""

@@ -88,7 +88,7 @@ def hidden_on_head(rig: Rig, ids: Sequence[str], entries: Catalogue, like: FullM
         cells = cells.chosen(np.sort(np.random.default_rng(0).permutation(len(cells))[:_MOST_CELLS]))
     seconds = rig.ability.times.dwell_s * len(cells)
     every = effects_of_cells(rig, cells, {id: entries[id] for id in ids}, seconds, like)
-    return tuple(id for id in every.ids if not _visible(every, id))
+    return tuple(id for id in every.ids if every.visible(id) <= VISIBLE)
 
 
 def _largest_alias(of: EffectsOfPlan, sizes: Mapping[str, float]) -> Alias | None:
@@ -119,11 +119,7 @@ def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float 
 
 def detectable(of: EffectsOfPlan, id: str) -> bool:
     """Whether the nominal parameters leave a visible part of an effect's signal."""
-    return bool(len(of.causes(id)) and _visible(of, id))
-
-
-def _visible(of: EffectsOfPlan, id: str) -> bool:
-    return bool(np.linalg.norm(of.shown(id)) > VISIBLE * np.linalg.norm(of.signal(id)))
+    return bool(len(of.causes(id))) and of.visible(id) > VISIBLE
 
 
 def _normal_quantile(happened: Bool[np.ndarray, " draws"]) -> float:
@@ -135,27 +131,25 @@ def forecast_of_effect(
     of: EffectsOfPlan, id: str, size: float, limit: float | None, draws: int, seed: int
 ) -> EffectForecast:
     """Forecast for one effect of a size in its unit; `limit`: about where it is detected, None for an undetectable one."""
-    whole, shown = np.linalg.norm(of.signal(id)), np.linalg.norm(of.shown(id))
     rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
     smallest: tuple[float | None, float | None, float | None] = (None, None, None)
     same = inseparable = tuple[str, ...]()
     if limit is not None:
         same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
         smallest = rates.smallest(0, limit), rates.smallest(1, limit), rates.smallest(2, limit)
-        inseparable = not_separated(of, id, max(size, limit), same)
-    visible = float(shown / whole) if whole else 0.0
+        inseparable = tuple(label for label in not_separated(of, id, max(size, limit)) if label not in (id, *same))
+    visible = of.visible(id)
     return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, inseparable)
 
 
-def not_separated(of: EffectsOfPlan, id: str, size: float, identical: Sequence[str]) -> tuple[str, ...]:
-    """Effects that make the signal of another one of a size to within what the diagnosis takes for indistinguishable."""
+def not_separated(of: EffectsOfPlan, id: str, size: float) -> tuple[str, ...]:
+    """Effects that make the signal of one of a size to within what the diagnosis takes for indistinguishable; itself too."""
     signal, found = size * of.shown(id), dict[str, None]()
     for k in of.pool.effects.tolist():
-        block = of.block(k)
-        rest = signal - block @ (block.T @ signal)
+        rest = signal - of.block(k) @ (signal @ of.block(k))
         if rest @ rest < INDISTINGUISHABLE**2:
             found[of.pool.labels[k]] = None
-    return tuple(label for label in found if label not in (id, *identical))
+    return tuple(found)
 
 
 class Rates:
