@@ -136,14 +136,10 @@ def candidates_of(
 
     **Raises:** `InputError` for a rig with effects of time.
     """
-    cells, numbers = cells_of(ability), list[np.ndarray]()
-    of_head = len(cells)
-    for positions in [*([] if measured is None else [measured]), *others]:
-        cells, number = cells.joined(_in_chamber(positions.cells, ability))
-        numbers.append(number)
-    whole, used = cells.joined(attitudes_in_use(ability))
+    listed = [*([] if measured is None else [measured]), *others]
+    parts = [cells_of(ability), *(_in_chamber(each.cells, ability) for each in listed), attitudes_in_use(ability)]
     try:
-        responses = responses_of(rig, whole)
+        responses = responses_of(rig, parts[0].joined(*parts[1:]))
     except InputError as error:
         if not (rig.effects or rig.temperature.leaves):
             raise
@@ -151,9 +147,11 @@ def candidates_of(
             f"{rig.source}: {str(error).removeprefix(f'{rig.source}: ')} (a plan is designed for settings without times): "
             "remove such effects from chain.effects, and state the temperatures of a chamber in [head] temperatures_degc"
         ) from error
+    every = np.arange(len(responses.cells))
+    _, *numbers, used = np.split(every, np.cumsum([len(each) for each in parts[:-1]]))
     known = np.zeros(0, int) if measured is None else numbers.pop(0)
-    own = responses.chosen(np.arange(len(cells)))
-    return Candidates(own, responses.chosen(used), ability, of_head, known, tuple(numbers))
+    planned = responses.chosen(every[: -len(used)])
+    return Candidates(planned, responses.chosen(used), ability, len(parts[0]), known, tuple(numbers))
 
 
 def _in_chamber(cells: Cells, ability: HeadAbility) -> Cells:

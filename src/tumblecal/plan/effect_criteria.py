@@ -34,8 +34,8 @@ from tumblecal.plan.responses import Responses
 # deviation d, and with probability `POWER` they must give a probability of `SURE`.
 _QUANTILE = float(ndtri(POWER))
 _SEPARATED = _QUANTILE + float(np.sqrt(_QUANTILE**2 + 2 * np.log(SURE / (1 - SURE))))
-# Other effects from which each is separated: the nearest ones on all cells and on each of so many random sets of cells.
-_NEAREST, _SETS, _OF_SET = 2, 6, 24
+# Number of other effects from which each is separated.
+_NEAREST = 4
 
 
 @dataclass(frozen=True)
@@ -80,30 +80,28 @@ class EffectsOfCells:
         return float(np.sqrt(noncentrality(1, odds, 100, True)))
 
     def nearest(self, id: str) -> list[Slot]:
-        """The effects that resemble one most on all cells, and on random sets of them.
+        """The effects that resemble one most on all cells.
 
         **Raises:** `InputError` for an effect that no cells show.
         """
-        own, rng, count = self.slot(id), np.random.default_rng(0), len(self.responses.cells)
+        own, model, count = self.slot(id), one_visit(self.responses, self.measured), 3 * len(self.responses.cells)
+        nominal = [model.columns.reshape(count, -1), np.linalg.cholesky(model.information).T]
+        basis = np.linalg.qr(np.concatenate(nominal))[0][:count]
+
+        def shown(signals: Float[np.ndarray, "cells 3 columns"]) -> Float[np.ndarray, "rows columns"]:
+            """What the nominal model leaves of signals."""
+            white = signals.reshape(count, -1)
+            return white - basis @ (basis.T @ white)
+
+        signal = shown(self.signal(id))
+        if np.linalg.norm(signal) <= VISIBLE * np.linalg.norm(self.signal(id)):
+            raise InputError(f"{id}: no positions of this head show it; allow another mounting or a prior")
         others = [slot for slot in self.effects.model.slots if slot.id != id and not slot.links[0].looks_back]
-        others = [slot for slot in others if not one_function_at_1_g((own,), (slot,))]
-        model, chosen = one_visit(self.responses, self.measured), dict[str, Slot]()
-        for taken in (np.arange(count), *(rng.permutation(count)[:_OF_SET] for _ in range(_SETS))):
-            nominal = [model.rows(taken), np.linalg.cholesky(model.information).T]
-            basis = np.linalg.qr(np.concatenate(nominal))[0][: 3 * len(taken)]
-
-            def shown(signals: np.ndarray, taken: np.ndarray = taken, basis: np.ndarray = basis) -> np.ndarray:
-                """Orthonormal basis of what the nominal model leaves of signals."""
-                white = signals[taken].reshape(3 * len(taken), -1)
-                vectors, sizes, _ = np.linalg.svd(white - basis @ (basis.T @ white), full_matrices=False)
-                return vectors[:, sizes > VISIBLE * max(float(np.linalg.norm(white)), 1e-300)]
-
-            signal = shown(self.signal(id))
-            if not signal.shape[1] and len(taken) == count:
-                raise InputError(f"{id}: no positions of this head show it; allow another mounting or a prior")
-            explained = [-np.sum((shown(self.effects.signals(slot)).T @ signal) ** 2) for slot in others]
-            chosen |= {others[k].id: others[k] for k in np.argsort(explained, kind="stable")[:_NEAREST]}
-        return list(chosen.values())
+        others, explained = [slot for slot in others if not one_function_at_1_g((own,), (slot,))], list[float]()
+        for slot in others:
+            block = shown(self.effects.signals(slot))
+            explained.append(float(np.linalg.norm(block @ np.linalg.lstsq(block, signal, rcond=VISIBLE)[0])))
+        return [others[k] for k in np.argsort(-np.array(explained), kind="stable")[:_NEAREST]]
 
     def criterion(
         self, columns: Float[np.ndarray, "cells 3 further"], rows: Float[np.ndarray, "k shared"], combine: Combine

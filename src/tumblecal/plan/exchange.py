@@ -20,6 +20,8 @@ from tumblecal.plan.limits import Limits, in_order
 _GAIN, _OF_PASS = 1e-6, 1e-5
 # Largest number of passes, and of positions that are tried in each.
 _PASSES, _TRIED = 30, 48
+# Largest number of rounds in which pitch settings are opened and closed.
+_ROUNDS = 6
 # Largest number of sets of mountings and temperatures that are tried.
 _SETS = 48
 
@@ -134,9 +136,11 @@ def exchange(
     first.sort(key=lambda plan: plan.value)
     best = first[0]
     for plan in first[: max(1, restarts)] if limits.timed else []:
-        while (better := _regrouped(plan, rng)) is not plan:
-            _exchange(better, rng)
+        for _ in range(_ROUNDS):
+            if (better := _regrouped(plan, rng)) is plan:
+                break
             plan = better
+            _exchange(plan, rng)
         best = min(best, plan, key=lambda one: one.value)
     return Chosen(in_order(limits.cells, best.cells, limits.present), best.value)
 

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.chain.head_ability import Times
-from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import Cells, Sitting
 
 
@@ -29,15 +28,6 @@ class Limits:
     seconds: float = np.inf
     repeats: int = 1
     present: int | None = None
-
-    def require_one(self) -> None:
-        """Check that a position fits.
-
-        **Raises:** `InputError` otherwise.
-        """
-        if not np.any(self.fits(np.zeros(len(self.cells), int))):
-            least = (self.times.dwell_s + self.times.settle_s) / 60
-            raise InputError(f"no position fits; one takes {least:.3g} min, in an allowed setting")
 
     @property
     def timed(self) -> bool:

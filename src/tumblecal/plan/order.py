@@ -8,7 +8,7 @@ stretch of positions moved or reversed.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.of_head import tabulated_covariance
+from tumblecal.plan.criterion import Criterion
 from tumblecal.plan.information import SEARCHED, scheduled_model, uncertainties
 from tumblecal.plan.limits import in_order
 from tumblecal.plan.responses import Responses
@@ -26,14 +27,6 @@ Kind = Literal["best", "random", "keep"]
 # Numbers of cells.
 Order = Int[np.ndarray, " positions"]
 Objective = Callable[[Int[np.ndarray, "n positions"]], Float[np.ndarray, " n"]]
-
-
-class OfCovariance(Protocol):
-    """A number to be small, from covariances of the scaled shared parameters."""
-
-    def of(self, covariance: Float[np.ndarray, "*n shared shared"], /) -> Float[np.ndarray, "*n"]:
-        """The number of each."""
-        ...
 
 
 # Exponent of the duration in the objective. Without a limit a longer order must pay: repeating a measurement reduces all
@@ -60,7 +53,7 @@ class Ordered:
 def best_order(
     responses: Responses,
     ability: HeadAbility,
-    criterion: OfCovariance,
+    criterion: Criterion,
     cells: Order,
     *,
     minutes: float | None = None,
@@ -108,7 +101,7 @@ def best_order(
 def _objective(
     responses: Responses,
     ability: HeadAbility,
-    criterion: OfCovariance,
+    criterion: Criterion,
     minutes: float | None,
     measured: Sequence[int] | np.ndarray,
     count: int,
@@ -157,12 +150,9 @@ def _changed(group: Int[np.ndarray, " cells"], order: Order, rng: np.random.Gene
     ends = _ends(group, order) if rng.random() < _VISITS else np.arange(count + 1)
     first, last = np.sort(rng.choice(ends, 2, replace=False)).tolist()
     part, rest = order[first:last], np.delete(order, np.s_[first:last])
-    if rng.random() < 0.5:
-        part = part[::-1]
-        at = first if rng.random() < 0.5 else int(rng.choice(_ends(group, rest)))
-    else:
-        at = int(rng.choice(_ends(group, rest)))
-    return np.concatenate([rest[:at], part, rest[at:]])
+    reverse = rng.random() < 0.5
+    at = first if reverse and rng.random() < 0.5 else int(rng.choice(_ends(group, rest)))
+    return np.concatenate([rest[:at], part[::-1] if reverse else part, rest[at:]])
 
 
 def _searched(

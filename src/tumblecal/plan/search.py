@@ -56,7 +56,7 @@ def searched(rig: Rig, candidates: Candidates, wanted: Wanted, entries: Catalogu
     tight or contradict each other.
     """
     measured, (before, visits) = candidates.measured, candidates.before
-    responses = candidates.responses.chosen(np.arange(max(candidates.of_head, 1 + int(measured.max(initial=-1)))))
+    responses = candidates.responses.chosen(np.arange(candidates.of_head + len(measured)))
     model, limits = one_visit(responses, measured), _limits(candidates, responses, wanted)
     terms, criterion = _criteria(rig, candidates, responses, model, limits, wanted, entries)
     found = None
@@ -96,16 +96,11 @@ def _limits(candidates: Candidates, responses: Responses, wanted: Wanted) -> Lim
     count = np.inf if wanted.count is None else wanted.count
     seconds = np.inf if wanted.minutes is None else 60 * wanted.minutes
     repeats = np.ceil(min(count, seconds / (times.dwell_s + times.settle_s)) / candidates.of_head)
-    limits = Limits(
-        responses.cells,
-        times,
-        number < candidates.of_head,
-        count,
-        seconds,
-        max(1, int(repeats)),
-        int(measured[-1]) if len(measured) else None,
-    )
-    limits.require_one()
+    allowed, present = number < candidates.of_head, int(measured[-1]) if len(measured) else None
+    limits = Limits(responses.cells, times, allowed, count, seconds, max(1, int(repeats)), present)
+    if not np.any(limits.fits(0 * number)):
+        least = (times.dwell_s + times.settle_s) / 60
+        raise InputError(f"no position fits; one takes {least:.3g} min, in an allowed setting")
     return limits
 
 

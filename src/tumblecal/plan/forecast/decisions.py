@@ -5,8 +5,6 @@ with one cause more, other noise, and lack of fit. These are evaluated here for 
 the numbers of the diagnosis.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -29,15 +27,6 @@ from tumblecal.full_model.priors import SIZE_PRIOR
 from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan
 
 
-class Decisions(NamedTuple):
-    """For each residual vector: whether something is detected; whether the effect is named by the leading explanation or one
-    that the data cannot separate from it; whether it is identified, the only cause (identities at 1 g aside)."""
-
-    detected: Bool[np.ndarray, " draws"]
-    named: Bool[np.ndarray, " draws"]
-    identified: Bool[np.ndarray, " draws"]
-
-
 def detections(of: EffectsOfPlan, z: Float[np.ndarray, "draws nu"]) -> Bool[np.ndarray, " draws"]:
     """Whether each of some vectors contradicts the nominal model."""
     statistic = statistics(of.pool, None, z, True)
@@ -50,17 +39,19 @@ def detections(of: EffectsOfPlan, z: Float[np.ndarray, "draws nu"]) -> Bool[np.n
     return statistic > of.threshold
 
 
-def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> Decisions:
-    """Decisions on vectors in which an effect is present.
+def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> Bool[np.ndarray, "3 draws"]:
+    """Decisions on vectors in which an effect is present: whether something is detected; whether the effect is named by the
+    leading explanation or one that the data cannot separate from it; whether it is identified, the only cause (identities at
+    1 g aside).
 
     The verdict is `identified` where the leading cause, those identical at 1 g and further powers of its polynomial have
     together a probability of `SURE`.
     """
-    pool, own, detected = of.pool, of.causes(id), detections(of, z)
-    named, identified = np.zeros((2, len(z)), bool)
-    here = np.flatnonzero(detected)
+    pool, own, decided = of.pool, of.causes(id), np.zeros((3, len(z)), bool)
+    decided[0] = detections(of, z)
+    here = np.flatnonzero(decided[0])
     if not (len(own) and len(here)):
-        return Decisions(detected, named, identified)
+        return decided
     z = z[here]
     singles, (noise, lack) = _with_each(of, (), z), _alternatives(of, z)
     start = int(own[np.argmax(singles[:, own].max(axis=0))])
@@ -77,11 +68,12 @@ def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> D
     together = with_another[:, pool.is_named].max(axis=1)
     claimed = _sum(singles[:, right], with_another[:, powers])
     total = _sum(none[:, None], singles, with_another, noise, lack)
-    identified[here] = (leading >= np.maximum(alternative, together)) & (claimed - total >= np.log(SURE))
-    named[here] = np.maximum(leading, together) >= alternative
-    rest = np.flatnonzero(~named[here])
-    named[here[rest]] = _imitates(of, start, z[rest], singles[rest], _sum(singles[:, own])[rest])
-    return Decisions(detected, named, identified)
+    named = np.maximum(leading, together) >= alternative
+    rest = np.flatnonzero(~named)
+    named[rest] = _imitates(of, start, z[rest], singles[rest], _sum(singles[:, own])[rest])
+    decided[1, here] = named
+    decided[2, here] = (leading >= np.maximum(alternative, together)) & (claimed - total >= np.log(SURE))
+    return decided
 
 
 def identities(of: EffectsOfPlan, own: int) -> list[int]:

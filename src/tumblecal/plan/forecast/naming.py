@@ -20,7 +20,7 @@ from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.forecast.alias import error_in_use
-from tumblecal.plan.forecast.decisions import Decisions, decisions, detections, identities
+from tumblecal.plan.forecast.decisions import decisions, detections, identities
 from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_cells, effects_of_plan
 from tumblecal.plan.forecast.record import Alias, EffectForecast, Limit, NamingForecast
 
@@ -156,7 +156,7 @@ class Rates:
     """Shares of draws that are detected, named and identified, by the size of an effect in its unit."""
 
     def __init__(self, of: EffectsOfPlan, id: str, noise: Float[np.ndarray, "draws nu"]):
-        self._of, self._id, self._noise, self._decided = of, id, noise, dict[float, Decisions]()
+        self._of, self._id, self._noise, self._decided = of, id, noise, dict[float, np.ndarray]()
 
     def __call__(self, size: float) -> tuple[float, float, float]:
         """The shares at a size."""

@@ -169,7 +169,7 @@ def _proposed(
     if any(cause.slot.all_columns for cause in diagnosis.members):
         others = zip(predicted.posteriors[1:], alternatives, strict=True)
         possible = [each for each, counts in zip(others, counted, strict=True) if counts]
-        strongest = (*possible, (predicted.rows.posterior(range(model.nominal)), ()))[0]
+        strongest = (*possible, (predicted.rows.posterior((), model), ()))[0]
         own = confirmations(listed, predicted.rows, settings, predicted.posteriors[0], *strongest)
         plan = replace(plan, confirming=own)
     notes += [_NEW_MOUNT] if plan.from_rig and any(one.mount for one in together) else []
