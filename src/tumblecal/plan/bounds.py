@@ -28,7 +28,7 @@ from tumblecal.plan.limits import Limits
 # An efficiency that needs no reason; a bound above the second share of the value is close enough.
 GOOD, _CLOSE = 0.95, 0.995
 # Largest number of tangents, and of plans that are added to a mixture.
-_SEARCHES, _MIXED = 100, 120
+_SEARCHES, _MIXED = 40, 120
 # A plan this close to its bound is not searched further; the most promising classes are searched in each round.
 _ENOUGH, _ROUNDS, _CLASSES = 0.99, 3, 4
 # A mixture ends at this duality gap, or if so many plans more do not raise its bound. Least share of a plan in it, and share

@@ -127,20 +127,17 @@ def exchange(
 
     - `terms`: of the value. `restarts`: random starts. `starts`: positions to begin with in addition.
     """
-    rng, first = np.random.default_rng(seed), [Selection(limits, terms, one) for one in starts]
-    sets = limits.sets
-    for k in rng.permutation(len(sets))[:_SETS].tolist() * restarts:
-        first.append(Selection(limits, terms, _random(limits, rng, sets[k])))
-    for plan in first:
-        _exchange(plan.complete(), rng)
+    rng = np.random.default_rng(seed)
+    sets = [limits.sets[k] for k in rng.permutation(len(limits.sets))[:_SETS]]
+    listed = [*starts, *(_random(limits, rng, one) for one in sets * restarts)]
+    first = [_exchanged(Selection(limits, terms, one), rng) for one in listed]
     first.sort(key=lambda plan: plan.value)
     best = first[0]
     for plan in first[: max(1, restarts)] if limits.timed else []:
         for _ in range(_ROUNDS):
             if (better := _regrouped(plan, rng)) is plan:
                 break
-            plan = better
-            _exchange(plan, rng)
+            plan = _exchanged(better, rng)
         best = min(best, plan, key=lambda one: one.value)
     return Chosen(in_order(limits.cells, best.cells, limits.present), best.value)
 
@@ -161,8 +158,10 @@ def _random(limits: Limits, rng: np.random.Generator, among: Bool[np.ndarray, " 
     return np.repeat(np.arange(len(number)), number).tolist()
 
 
-def _exchange(plan: Selection, rng: np.random.Generator) -> None:
-    """Exchange single positions, those that are missed least, in random order, until a whole pass improves nothing."""
+def _exchanged(plan: Selection, rng: np.random.Generator) -> Selection:
+    """Complete, with single positions exchanged, those that are missed least, in random order, until a whole pass improves
+    nothing."""
+    plan.complete()
     for _ in range(_PASSES):
         before, least = plan.value, np.argsort(plan.if_changed(plan.cells, -1), kind="stable")[:_TRIED]
         for cell in rng.permutation(np.array(plan.cells)[least]).tolist():
@@ -172,7 +171,8 @@ def _exchange(plan: Selection, rng: np.random.Generator) -> None:
             plan.add(other if value < had * (1 - _GAIN) else cell)
         plan.complete()
         if plan.value > before * (1 - _OF_PASS):
-            return
+            break
+    return plan
 
 
 def _regrouped(plan: Selection, rng: np.random.Generator) -> Selection:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations, product
 
 import numpy as np
@@ -34,7 +34,7 @@ class Limits:
         """Whether the duration is limited."""
         return bool(np.isfinite(self.seconds))
 
-    @property
+    @cached_property
     def sets(self) -> list[Bool[np.ndarray, " cells"]]:
         """The allowed cells of every set of temperatures and of mountings, larger sets first; without a limit of time those of
         all, since none costs anything."""
