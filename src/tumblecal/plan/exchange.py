@@ -42,6 +42,8 @@ class Selection:
     def __init__(self, limits: Limits, terms: Sequence[Term], cells: Sequence[int] | np.ndarray = ()) -> None:
         self.limits, self.terms, self.cells = limits, terms, [int(cell) for cell in cells]
         self._parts = [part for term in terms for part in term.criteria]
+        self._first = np.cumsum([0, *(len(term.criteria) for term in terms[:-1])])
+        self._weights = np.array([term.weight for term in terms])
         self._information = [model.information_with(self.cells) for model, _ in self._parts]
         self._settle()
 
@@ -53,9 +55,7 @@ class Selection:
 
     def _total(self, values: Sequence[Float[np.ndarray, "*n"]]) -> Float[np.ndarray, "*n"]:
         """The weighted sum of the largest value of each term."""
-        ends = np.cumsum([len(term.criteria) for term in self.terms])[:-1]
-        weights = np.array([term.weight for term in self.terms])
-        return weights @ [np.max(each, axis=0) for each in np.split(np.array(values), ends)]
+        return self._weights @ np.maximum.reduceat(np.array(values), self._first, axis=0)
 
     def if_changed(self, cells: Sequence[int] | np.ndarray, sign: int) -> Float[np.ndarray, " some"]:
         """Values with one position more (1) or less (-1) in each of some cells (Woodbury)."""
@@ -64,7 +64,7 @@ class Selection:
             rows, shared = model.columns[np.asarray(cells, int)], len(model.names)
             across = (rows.reshape(-1, rows.shape[2]) @ covariance).reshape(rows.shape)
             inner, across = across @ rows.swapaxes(1, 2), across[:, :, :shared]
-            change = across.swapaxes(1, 2) @ np.linalg.solve(inner + sign * np.eye(3), across)
+            change = across.swapaxes(1, 2) @ (np.linalg.inv(inner + sign * np.eye(3)) @ across)
             values.append(criterion.of(covariance[:shared, :shared] - change))
         return self._total(values)
 
