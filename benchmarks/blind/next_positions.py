@@ -28,7 +28,7 @@ from command_line import asked, print_head, print_row  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
 from tumblecal.ground.errors import InputError  # noqa: E402
 from tumblecal.plan.next.next_plan import SEPARATE  # noqa: E402
-from tumblecal.plan.next.proposals import SIDES, by_pitch  # noqa: E402
+from tumblecal.plan.next.proposals import SIDES  # noqa: E402
 from tumblecal.planning import next_plan  # noqa: E402
 
 
@@ -132,11 +132,10 @@ def data_of(setup: blind.Setup, readings: np.ndarray):
 
 def proposed(bench: Bench, plan) -> blind.Setup:
     """The setup with the positions of a plan, in its order and under its conditions."""
-    listed = plan.together if plan.in_reverse else by_pitch(plan.together)
     last = int(bench.setup.mountings[-1])
     cells = [
         (alpha, own.beta_deg, 2 + [*SIDES].index(own.mount) if own.mount else last)
-        for own in listed
+        for own in plan.together
         for alpha in own.angles_deg
     ]
     times = plan.conditions.time_s + plan.conditions.step_s * np.arange(len(cells))

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from plan.promises import head
-from tumblecal.chain.head_ability import HeadAbility, Times
+from tumblecal.chain.head_ability import Times
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.bounds import best_plan
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.criterion import attitudes_in_use, in_use, of_parameters
-from tumblecal.plan.limits import limits_of
-from tumblecal.plan.linear_model import one_visit
+from tumblecal.plan.information import one_visit
+from tumblecal.plan.limits import Limits
 from tumblecal.plan.responses import responses_of
 
 
@@ -61,14 +61,14 @@ def planned(rng: np.random.Generator, seed: int, whole, use):
         mount=replace(few.mount, common=common[1], again=again[1]),
     )
     times = Times(*np.round(10 ** rng.uniform([1, 0, 0.5, 1, 2, 3], [2.3, 1.3, 1.5, 2.5, 3.3, 4])).tolist())
-    ability = HeadAbility(tuple(np.arange(0, 360.0, step)), tuple(pitch), tuple(labels), times=times)
     number = int(rng.integers(12, 49))
     at_position = times.dwell_s + times.settle_s + times.turn_s
     minutes = round((number * at_position + 5 * times.pitch_change_s + times.remount_s) / 60, 1)
-    limit = {"count": min(number, len(few.cells))} if rng.random() < 0.5 else {"minutes": minutes}
+    limit = {"count": min(number, len(few.cells))} if rng.random() < 0.5 else {"seconds": 60 * minutes}
     combine = ("largest", "mean", "volume", "in use")[int(rng.integers(4))]
     try:
         criterion = in_use(use) if combine == "in use" else of_parameters(combine, few)
-        return best_plan(one_visit(few), criterion, limits_of(few.cells, ability, **limit), seed=seed)[1]
+        model, limits = one_visit(few), Limits(few.cells, times, np.ones(len(few.cells), bool), **limit)
+        return best_plan(model, model, criterion, limits, seed=seed)[1]
     except InputError:
         return None

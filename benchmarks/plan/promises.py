@@ -25,15 +25,14 @@ from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.criterion import of_parameters
 from tumblecal.plan.effect_criteria import EffectsOfCells, naming_term
-from tumblecal.plan.exchange import exchange
+from tumblecal.plan.exchange import Term, exchange
 from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
 from tumblecal.plan.forecast.naming import Rates
-from tumblecal.plan.limits import limits_of
-from tumblecal.plan.linear_model import one_visit
+from tumblecal.plan.information import one_visit
+from tumblecal.plan.limits import Limits
 from tumblecal.plan.planned_rig import planned_rig
 from tumblecal.plan.responses import Responses, responses_of
 from tumblecal.plan.schedule import schedule
-from tumblecal.plan.set_value import Term
 
 
 ENTRIES = catalogue()
@@ -192,7 +191,8 @@ def random_head(rng: np.random.Generator) -> Head:
             else:
                 wanted = str(rng.choice(["second_order.y", "third_order.z", "cross_coupling.z.xz"]))
                 term = naming_term(EffectsOfCells(rig, responses, np.zeros(0, int), FEW, 60.0), {wanted: 0.5})
-            chosen = exchange(limits_of(responses.cells, rig.ability, count=POSITIONS), [term], restarts=1)
+            limits = Limits(responses.cells, rig.ability.times, np.ones(len(responses.cells), bool), POSITIONS)
+            chosen = exchange(limits, [term], restarts=1)
             return Head(rig, responses, chosen.cells)
         except InputError:
             continue

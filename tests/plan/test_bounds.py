@@ -8,10 +8,10 @@ import pytest
 from scipy.optimize import minimize
 
 from tumblecal.chain.head_ability import Times
-from tumblecal.plan.bounds import Class, bounds, mixture
+from tumblecal.plan.bounds import bounds
 from tumblecal.plan.criterion import of_parameters, weighted
-from tumblecal.plan.limits import in_order, limits_of
-from tumblecal.plan.linear_model import one_visit
+from tumblecal.plan.information import one_visit
+from tumblecal.plan.limits import Limits, in_order
 from tumblecal.plan.schedule import schedule
 
 
@@ -43,7 +43,7 @@ def test_no_plan_is_better_than_its_bound(head, candidates, model, build, minute
     both = [of_parameters(one, candidates) for one in (("largest", "mean") if build == "both" else (build,))]
     criterion = weighted(both, (1, 2)) if build == "both" else both[0]
     allowed = np.isin(np.arange(80), FEW)
-    limits = limits_of(cells, ability, count=7 if minutes is None else None, minutes=minutes, allowed=allowed)
+    limits = Limits(cells, times, allowed, **({"count": 7} if minutes is None else {"seconds": 60 * minutes}))
     sizes = (7,) if minutes is None else range(6, 11)
     every = {
         plan: float(criterion.of(covariance(model, np.isin(np.arange(80), plan) * 1.0)))
@@ -78,9 +78,7 @@ def test_the_bound_of_a_number_of_positions_is_the_least_of_its_relaxation(candi
         bounds=[(0, 1)] * len(FEW),
         constraints={"type": "eq", "fun": lambda w: w.sum() - 7},
     )
-    limits = limits_of(candidates.cells, head.ability, count=7, minutes=None, allowed=np.isin(np.arange(80), FEW))
+    limits = Limits(candidates.cells, head.ability.times, np.isin(np.arange(80), FEW), 7)
     found = bounds(model, criterion, limits, FEW[:7])
     assert np.log(found.white) == pytest.approx(expected.fun, abs=3e-3)
     assert np.log(found.white) <= expected.fun + 1e-6
-    best = mixture(model, criterion, limits, Class(FEW, len(FEW), 7), np.inf)
-    assert best.fractions.sum() == pytest.approx(7)

@@ -8,9 +8,9 @@ import pytest
 from tumblecal import Problem, fit
 from tumblecal.chain.head_ability import Repeatability, SlowNoise, Times
 from tumblecal.plan.cells import cells_of
+from tumblecal.plan.information import uncertainties
 from tumblecal.plan.responses import responses_of
 from tumblecal.plan.schedule import schedule
-from tumblecal.plan.uncertainties import uncertainties
 
 
 @pytest.fixture(scope="module")

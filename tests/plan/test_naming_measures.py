@@ -12,10 +12,10 @@ from tumblecal.effects.catalogue import links_and_units
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.effect_criteria import EffectsOfCells, alias_term, naming_term
+from tumblecal.plan.exchange import Selection
 from tumblecal.plan.forecast.alias import ATTITUDES
 from tumblecal.plan.forecast.naming import hidden_on_head
 from tumblecal.plan.responses import responses_of
-from tumblecal.plan.set_value import SetValue
 
 
 RIG = """
@@ -88,11 +88,11 @@ def test_smallest_size_that_is_named(head, cells):
     assert 1 / left([np.abs(u[:, 2])]) == pytest.approx(
         min(values, key=lambda one: abs(one * left([np.abs(u[:, 2])]) - 1)), rel=1e-3
     )
-    assert SetValue([term], cells).value == pytest.approx(max(needed))
+    assert Selection(None, [term], cells).value == pytest.approx(max(needed))
 
 
 def test_largest_error_in_use_at_the_detection_limit(head, cells):
-    value = SetValue([alias_term(head, ["second_order.z"])], cells).value
+    value = Selection(None, [alias_term(head, ["second_order.z"])], cells).value
     detected = _values(naming_term(head, {"second_order.z": 1.0}), cells)[0]  # mg/g^2
     u = _inputs(head)[cells]
     fitted = np.linalg.lstsq(_nominal(u), u[:, 2] ** 2, rcond=None)[0]
@@ -104,14 +104,14 @@ def test_largest_error_in_use_at_the_detection_limit(head, cells):
 def test_steps_are_those_of_new_measures(head, cells, kind):
     effects = {"third_order.x": 1.0}
     term = naming_term(head, effects) if kind == "naming" else alias_term(head, effects)
-    value = SetValue([term], cells)
-    added, removed = value.if_added(np.arange(8)), value.if_removed()
-    assert added[7] == pytest.approx(SetValue([term], [*cells, 7]).value, rel=1e-8)
-    assert removed[3] == pytest.approx(SetValue([term], np.delete(cells, 3)).value, rel=1e-8)
+    value = Selection(None, [term], cells)
+    added, removed = value.if_changed(np.arange(8), 1), value.if_changed(cells, -1)
+    assert added[7] == pytest.approx(Selection(None, [term], [*cells, 7]).value, rel=1e-8)
+    assert removed[3] == pytest.approx(Selection(None, [term], np.delete(cells, 3)).value, rel=1e-8)
     value.add(7)
     value.remove(int(cells[3]))
     assert value.cells == [*np.delete(cells, 3), 7]
-    assert value.value == pytest.approx(SetValue([term], value.cells).value, rel=1e-8)
+    assert value.value == pytest.approx(Selection(None, [term], value.cells).value, rel=1e-8)
 
 
 def test_effects_that_positions_cannot_show(head):

@@ -11,12 +11,10 @@ from hypothesis import strategies as st
 from tumblecal.chain.head_ability import Times
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.criterion import Criterion, Part, determined, of_parameters
-from tumblecal.plan.exchange import exchange
-from tumblecal.plan.limits import in_order, limits_of
-from tumblecal.plan.linear_model import one_visit
+from tumblecal.plan.exchange import Selection, Term, exchange
+from tumblecal.plan.information import one_visit, uncertainties
+from tumblecal.plan.limits import Limits, in_order
 from tumblecal.plan.schedule import schedule
-from tumblecal.plan.set_value import SetValue, Term
-from tumblecal.plan.uncertainties import uncertainties
 
 
 # Ten cells, of two pitch settings in each of two mountings.
@@ -52,13 +50,14 @@ def test_updates_are_direct_inverses(candidates, model, seed):
     cells, more = rng.integers(80, size=rng.integers(1, 30)), int(rng.integers(80))
     combine = ["largest", "mean", "volume"][seed % 3]
     criterion = of_parameters(combine, candidates)
-    measure = SetValue([Term(((model, criterion),))], cells)
+    limits = Limits(candidates.cells, None, np.ones(80, bool))
+    measure = Selection(limits, [Term(((model, criterion),))], cells)
     for step in (more, (more + 31) % 80):
         measure.add(step)
     measure.remove(int(cells[0]))
     kept = list(measure.cells)
-    added, removed = measure.if_added(np.arange(80)), measure.if_removed()
-    direct = [value(model, criterion.rows, taken, combine) for taken in (kept, [*kept, 17], kept[:-1])]
+    added, removed = measure.if_changed(np.arange(80), 1), measure.if_changed(kept, -1)
+    direct = [value(model, criterion.parts[0].rows, taken, combine) for taken in (kept, [*kept, 17], kept[:-1])]
     assert [measure.value, added[17], removed[-1]] == pytest.approx(direct, rel=2e-3)
 
 
@@ -66,12 +65,11 @@ def test_updates_are_direct_inverses(candidates, model, seed):
 def test_the_best_plan_of_all_is_found(head, candidates, model, combine):
     criterion = of_parameters(combine, candidates)
     allowed = np.isin(np.arange(80), FEW)
-    found = exchange(
-        limits_of(candidates.cells, head.ability, count=6, allowed=allowed), [Term(((model, criterion),))], restarts=6
-    )
-    every = [value(model, criterion.rows, plan, combine) for plan in combinations(FEW, 6)]
+    limits = Limits(candidates.cells, head.ability.times, allowed, 6)
+    found = exchange(limits, [Term(((model, criterion),))], restarts=6)
+    every = [value(model, criterion.parts[0].rows, plan, combine) for plan in combinations(FEW, 6)]
     assert found.value == pytest.approx(min(every), rel=1e-6)
-    assert found.value == pytest.approx(value(model, criterion.rows, found.cells, combine), rel=1e-6)
+    assert found.value == pytest.approx(value(model, criterion.parts[0].rows, found.cells, combine), rel=1e-6)
 
 
 def test_the_best_plan_in_a_time_is_found(head, candidates, model):
@@ -79,11 +77,10 @@ def test_the_best_plan_in_a_time_is_found(head, candidates, model):
     ability = replace(head.ability, times=Times(dwell_s=60, settle_s=0, turn_s=0, pitch_change_s=100, remount_s=150))
     criterion, cells = of_parameters("mean", candidates), candidates.cells
     allowed = np.isin(np.arange(80), FEW)
-    found = exchange(
-        limits_of(cells, ability, minutes=11.0, allowed=allowed), [Term(((model, criterion),))], restarts=4
-    )
+    limits = Limits(cells, ability.times, allowed, seconds=660.0)
+    found = exchange(limits, [Term(((model, criterion),))], restarts=4)
     every = [
-        value(model, criterion.rows, plan, "mean")
+        value(model, criterion.parts[0].rows, plan, "mean")
         for size in range(1, 11)
         for plan in combinations(FEW, size)
         if schedule(cells, in_order(cells, plan), ability.times).minutes <= 11.0
@@ -95,7 +92,7 @@ def test_the_best_plan_in_a_time_is_found(head, candidates, model):
 @given(st.lists(st.integers(0, 79), min_size=1, max_size=25))
 @settings(max_examples=30, deadline=None)
 def test_a_plan_takes_at_most_the_time_of_its_settings(head, candidates, cells):
-    limits = limits_of(candidates.cells, head.ability, count=None, minutes=500.0, repeats=25)
+    limits = Limits(candidates.cells, head.ability.times, np.ones(80, bool), seconds=3e4, repeats=25)
     number = np.bincount(cells, minlength=80)
     planned = schedule(candidates.cells, in_order(candidates.cells, cells), head.ability.times)
     # Not more than a turn is saved at each change of the pitch setting.
@@ -109,7 +106,7 @@ def test_a_parameter_that_no_plan_determines_is_named_and_left_out(candidates, m
     level = replace(model, columns=model.columns[few])
     assert level.undetermined() == ("dK_x", "gamma_21", "gamma_31") and not model.undetermined()
     sure = determined(of_parameters("largest", candidates), level)
-    assert len(sure.rows) == 6 and sure.ignored == level.undetermined()
+    assert len(sure.parts[0].rows) == 6
     assert (
         sure.of(level.covariance(range(8))) < 1.0 < of_parameters("largest", candidates).of(level.covariance(range(8)))
     )

@@ -15,13 +15,13 @@ from tumblecal.plan.cells import Cells, Positions
 from tumblecal.plan.criterion import Criterion, Part
 from tumblecal.plan.design import DesignedPlan
 from tumblecal.plan.forecast.record import Alias, EffectForecast, NamingForecast
+from tumblecal.plan.information import Uncertainties
 from tumblecal.plan.order import Ordered
 from tumblecal.plan.plan_files import capture_files
 from tumblecal.plan.request import Wanted
 from tumblecal.plan.responses import Responses, Setting
 from tumblecal.plan.schedule import Schedule
 from tumblecal.plan.search import Found
-from tumblecal.plan.uncertainties import Uncertainties
 from tumblecal.show.plan import plan_lines, words_of_plan
 
 
@@ -63,7 +63,7 @@ def plan():
         found=Found(
             Criterion("worst", (Part(np.eye(2), "largest"),)),
             Ordered(SCHEDULE, 0.2, 0.1998),
-            Bounds(0.18, 0.19, 0.2, (), "whole positions: ...", 0.18),
+            Bounds(0.18, 0.19, 0.2, 0.18, "whole positions: ..."),
             (),
         ),
         after=evaluated("this plan", [0.2, 0.1], effects=(named,), undetectable=("gravity_value",)),

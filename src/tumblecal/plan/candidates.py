@@ -13,9 +13,9 @@ from tumblecal.ground.soaks import ONE_TEMPERATURE_DEGC, soak_numbers
 from tumblecal.plan.cells import Cells, Positions, cells_of
 from tumblecal.plan.criterion import attitudes_in_use
 from tumblecal.plan.forecast.record import EffectForecast
+from tumblecal.plan.information import Uncertainties, uncertainties
 from tumblecal.plan.responses import Responses, responses_of
 from tumblecal.plan.schedule import Schedule, schedule
-from tumblecal.plan.uncertainties import Uncertainties, in_use_sd, uncertainties
 
 
 @dataclass(frozen=True)
@@ -97,14 +97,18 @@ class Candidates:
         return schedule(self.responses.cells, order, self.ability.times)
 
     @property
-    def minutes_measured(self) -> float:
-        """Duration of the positions that are measured already."""
-        return self.scheduled(self.measured).minutes if len(self.measured) else 0.0
+    def before(self) -> tuple[float, tuple[int, int]]:
+        """Duration of the positions that are measured already, min, and their visits of pitch settings and of mountings."""
+        if not len(self.measured):
+            return 0.0, (0, 0)
+        done = self.scheduled(self.measured)
+        return done.minutes, (1 + int(done.pitch_visit[-1]), 1 + int(done.mount_visit[-1]))
 
     def evaluated(self, positions: Positions, planned: Schedule, *, fits: bool = True) -> Evaluated:
         """A schedule of these cells with its uncertainties."""
         found = uncertainties(self.responses, planned, self.ability)
-        return Evaluated(positions, planned, found, in_use_sd(self.use, found.covariance), fits)
+        of_force = np.sqrt(np.vecdot(self.use.columns @ found.covariance, self.use.columns))
+        return Evaluated(positions, planned, found, of_force, fits)
 
     def in_time(self, positions: Positions, once: Int[np.ndarray, " positions"], minutes: float) -> Evaluated:
         """Positions of each mounting and temperature repeated, without remounting, until the time is used: the last mounting
@@ -132,14 +136,10 @@ def candidates_of(
 
     **Raises:** `InputError` for a rig with effects of time.
     """
-    cells, numbers = cells_of(ability), list[np.ndarray]()
-    of_head = len(cells)
-    for positions in [*([] if measured is None else [measured]), *others]:
-        cells, number = cells.joined(_in_chamber(positions.cells, ability))
-        numbers.append(number)
-    whole, used = cells.joined(attitudes_in_use(ability))
+    listed = [*([] if measured is None else [measured]), *others]
+    parts = [cells_of(ability), *(_in_chamber(each.cells, ability) for each in listed), attitudes_in_use(ability)]
     try:
-        responses = responses_of(rig, whole)
+        responses = responses_of(rig, parts[0].joined(*parts[1:]))
     except InputError as error:
         if not (rig.effects or rig.temperature.leaves):
             raise
@@ -147,9 +147,11 @@ def candidates_of(
             f"{rig.source}: {str(error).removeprefix(f'{rig.source}: ')} (a plan is designed for settings without times): "
             "remove such effects from chain.effects, and state the temperatures of a chamber in [head] temperatures_degc"
         ) from error
+    every = np.arange(len(responses.cells))
+    _, *numbers, used = np.split(every, np.cumsum([len(each) for each in parts[:-1]]))
     known = np.zeros(0, int) if measured is None else numbers.pop(0)
-    own = responses.chosen(np.arange(len(cells)))
-    return Candidates(own, responses.chosen(used), ability, of_head, known, tuple(numbers))
+    planned = responses.chosen(every[: -len(used)])
+    return Candidates(planned, responses.chosen(used), ability, len(parts[0]), known, tuple(numbers))
 
 
 def _in_chamber(cells: Cells, ability: HeadAbility) -> Cells:

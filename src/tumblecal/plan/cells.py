@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -43,24 +43,15 @@ class Cells:
         degc = None if self.temperature_degc is None else self.temperature_degc[numbers]
         return Cells(self.alpha_deg[numbers], self.beta_deg[numbers], tuple(self.mounts[k] for k in numbers), degc)
 
-    def joined(self, other: "Cells") -> tuple["Cells", Int[np.ndarray, " other"]]:
-        """These cells with those of the other that are not among them, and the number of each of the other's cells."""
-        number = {key: k for k, key in enumerate(self._keys)}
-        numbers = np.array([number.setdefault(key, len(number)) for key in other._keys], int)
-        new, first = np.unique(numbers, return_index=True)
-        added = other.chosen(first[new >= len(self)])
-        degc = None
-        if self.temperature_degc is not None and added.temperature_degc is not None:
-            degc = np.concatenate([self.temperature_degc, added.temperature_degc])
-        alpha = np.concatenate([self.alpha_deg, added.alpha_deg])
-        beta = np.concatenate([self.beta_deg, added.beta_deg])
-        return Cells(alpha, beta, self.mounts + added.mounts, degc), numbers
-
-    @property
-    def _keys(self) -> list[tuple]:
-        degc = np.zeros(len(self)) if self.temperature_degc is None else self.temperature_degc
-        columns = np.round([self.alpha_deg % 360.0, self.beta_deg, degc], 6).T.tolist()
-        return [(*column, mount) for column, mount in zip(columns, self.mounts, strict=True)]
+    def joined(self, *others: "Cells") -> "Cells":
+        """These cells followed by others; temperatures only if all have them."""
+        every = (self, *others)
+        alpha, beta = (
+            np.concatenate(each) for each in zip(*((one.alpha_deg, one.beta_deg) for one in every), strict=True)
+        )
+        degc = [one.temperature_degc for one in every if one.temperature_degc is not None]
+        mounts = tuple(chain.from_iterable(one.mounts for one in every))
+        return Cells(alpha, beta, mounts, np.concatenate(degc) if len(degc) == len(every) else None)
 
     def plan(self, names: Sequence[str], time_s: Float[np.ndarray, " cells"] | None) -> Plan:
         """The positions of a rig in these cells."""

@@ -11,34 +11,31 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import block_diag
 from scipy.special import ndtri
 
-from tumblecal.chain import Where
 from tumblecal.chain.rig import Rig
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.priors import EFFECT_TEST_WEIGHT, POWER, SURE
 from tumblecal.effects import Catalogue
-from tumblecal.full_model.full_model import FullModel, model_of
 from tumblecal.full_model.layout import Slot
 from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.plan.criterion import Combine, Criterion, Part
+from tumblecal.plan.exchange import Term
 from tumblecal.plan.forecast.alias import effect_in_use, of_use, sensor_rows
-from tumblecal.plan.forecast.effects_of_plan import slot_of, unit_steps
-from tumblecal.plan.linear_model import LinearModel, one_visit
+from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_cells
+from tumblecal.plan.information import LinearModel, one_visit
 from tumblecal.plan.responses import Responses
-from tumblecal.plan.set_value import Term
 
 
 # Two explanations with equal priors, one of which leaves d^2 of the other's signal: their log odds are d^2/2 with the standard
 # deviation d, and with probability `POWER` they must give a probability of `SURE`.
 _QUANTILE = float(ndtri(POWER))
 _SEPARATED = _QUANTILE + float(np.sqrt(_QUANTILE**2 + 2 * np.log(SURE / (1 - SURE))))
-# Other effects from which each is separated: the nearest ones on all cells and on each of so many random sets of cells.
-_NEAREST, _SETS, _OF_SET = 2, 6, 24
+# Number of other effects from which each is separated.
+_NEAREST = 4
 
 
 @dataclass(frozen=True)
@@ -57,82 +54,66 @@ class EffectsOfCells:
     minutes: float
 
     @cached_property
-    def where(self) -> Where:
-        """The settings of the cells."""
-        count = len(self.responses.cells)
-        time_s = np.linspace(0.0, 60.0 * self.minutes, count)
-        return replace(self.responses.cells.where, time_s=time_s, mean_time_s=np.full(count, np.mean(time_s)))
-
-    @cached_property
-    def _full(self) -> tuple[FullModel, Float[np.ndarray, "cells 3 full"]]:
-        model = model_of(self.rig.chain(self.where), self.where, self.entries)
-        return model, model.evaluate(self.where, model.start).jacobian
+    def effects(self) -> EffectsOfPlan:
+        """At all cells, one after another."""
+        return effects_of_cells(self.rig, self.responses.cells, self.entries, 60.0 * self.minutes)
 
     def slot(self, id: str) -> Slot:
         """The first link of an effect.
 
         **Raises:** `InputError` for one that no choice of positions can aim at.
         """
-        found = slot_of(self._full[0], self.entries, id)
+        found = self.effects.slot(id)
         if found.links[0].looks_back:
             raise InputError(f"{id}: depends on the position before; positions cannot be chosen for it, only ordered")
         return found
 
-    def signals(self, slot: Slot) -> Float[np.ndarray, "cells 3 columns"]:
-        """Signals of an effect's coefficients, each in its scale, g."""
-        return self._full[1][:, :, list(slot.columns)]
-
     def signal(self, id: str) -> Float[np.ndarray, "cells 3 1"]:
-        """Signal of an effect of size 1 in its unit, every coefficient of this size."""
+        """White signal of an effect of size 1 in its unit, every coefficient of this size."""
         slot = self.slot(id)
-        return self.signals(slot) @ unit_steps(self._full[0], self.entries, slot)[:, None]
+        return self.effects.signals(slot) @ self.effects.unit_steps(slot)[:, None]
 
     @property
     def detected(self) -> float:
         """Standard deviations of a coefficient from which on an effect is detected with probability `POWER`."""
-        ids = {slot.id for slot in self._full[0].slots}
-        return float(np.sqrt(noncentrality(1, round(float(np.log(EFFECT_TEST_WEIGHT / len(ids))), 6), 100, True)))
+        odds = round(float(np.log(EFFECT_TEST_WEIGHT / len(self.effects.ids))), 6)
+        return float(np.sqrt(noncentrality(1, odds, 100, True)))
 
     def nearest(self, id: str) -> list[Slot]:
-        """The effects that resemble one most on all cells, and on random sets of them.
+        """The effects that resemble one most on all cells.
 
         **Raises:** `InputError` for an effect that no cells show.
         """
-        own, rng, count = self.slot(id), np.random.default_rng(0), len(self.responses.cells)
-        others = [slot for slot in self._full[0].slots if slot.id != id and not slot.links[0].looks_back]
-        others = [slot for slot in others if not one_function_at_1_g((own,), (slot,))]
-        model, chosen = one_visit(self.responses, self.measured), dict[str, Slot]()
-        for taken in (np.arange(count), *(rng.permutation(count)[:_OF_SET] for _ in range(_SETS))):
-            nominal = [model.columns[taken].reshape(3 * len(taken), -1), np.linalg.cholesky(model.information).T]
-            basis = np.linalg.qr(np.concatenate(nominal))[0][: 3 * len(taken)]
+        own, model, count = self.slot(id), one_visit(self.responses, self.measured), 3 * len(self.responses.cells)
+        nominal = [model.columns.reshape(count, -1), np.linalg.cholesky(model.information).T]
+        basis = np.linalg.qr(np.concatenate(nominal))[0][:count]
 
-            def shown(signals: np.ndarray, taken: np.ndarray = taken, basis: np.ndarray = basis) -> np.ndarray:
-                """Orthonormal basis of what the nominal model leaves of signals, and of one signal also its size."""
-                white = signals[taken].reshape(3 * len(taken), -1) / self.responses.sd
-                vectors, sizes, _ = np.linalg.svd(white - basis @ (basis.T @ white), full_matrices=False)
-                seen = sizes > VISIBLE * max(float(np.linalg.norm(white)), 1e-300)
-                return vectors[:, seen]
+        def shown(signals: Float[np.ndarray, "cells 3 columns"]) -> Float[np.ndarray, "rows columns"]:
+            """What the nominal model leaves of signals."""
+            white = signals.reshape(count, -1)
+            return white - basis @ (basis.T @ white)
 
-            signal = shown(self.signal(id))
-            if not signal.shape[1]:
-                if len(taken) == count:
-                    raise InputError(f"{id}: no positions of this head show it; allow another mounting or a prior")
-                continue
-            explained = [np.sum((shown(self.signals(slot)).T @ signal) ** 2) for slot in others]
-            chosen |= {others[k].id: others[k] for k in np.argsort(-np.array(explained), kind="stable")[:_NEAREST]}
-        return list(chosen.values())
+        signal = shown(self.signal(id))
+        if np.linalg.norm(signal) <= VISIBLE * np.linalg.norm(self.signal(id)):
+            raise InputError(f"{id}: no positions of this head show it; allow another mounting or a prior")
+        others = [slot for slot in self.effects.model.slots if slot.id != id and not slot.links[0].looks_back]
+        others, explained = [slot for slot in others if not one_function_at_1_g((own,), (slot,))], list[float]()
+        for slot in others:
+            block = shown(self.effects.signals(slot))
+            explained.append(float(np.linalg.norm(block @ np.linalg.lstsq(block, signal, rcond=VISIBLE)[0])))
+        return [others[k] for k in np.argsort(-np.array(explained), kind="stable")[:_NEAREST]]
 
     def criterion(
         self, columns: Float[np.ndarray, "cells 3 further"], rows: Float[np.ndarray, "k shared"], combine: Combine
     ) -> tuple[LinearModel, Criterion]:
-        """The model with further shared coefficients, by their signals in g, and a criterion of functionals of all of them."""
+        """The model with further shared coefficients, by their white signals, and a criterion of functionals of all of them."""
         own, further = self.responses, columns.shape[2]
         extended = replace(
             own,
             names=(*own.names, *(f"further_{k}" for k in range(further))),
             scales=np.append(own.scales, np.ones(further)),
-            columns=np.concatenate([own.columns, columns], axis=2),
-            information=np.asarray(block_diag(own.information, np.zeros((further, further)))),
+            columns=np.concatenate([own.columns, columns * own.sd], axis=2),
+            information=np.pad(own.information, (0, further)),
         )
         return one_visit(extended, self.measured), Criterion(combine, (Part(rows, combine),))
 
@@ -145,16 +126,15 @@ def naming_term(of: EffectsOfCells, effects: Mapping[str, float]) -> Term:
 
     **Raises:** `InputError` for an effect that no choice of positions shows.
     """
-    listed = list[tuple[LinearModel, Criterion]]()
+    listed, shared = list[tuple[LinearModel, Criterion]](), len(of.responses.names)
     for id, size in effects.items():
         if not size > 0:
             raise InputError(f"{id}: size {size:g}: a size above 0 is needed")
         own = of.signal(id)
         wanted = [(own, of.detected)]
-        wanted += [(np.concatenate([own, of.signals(slot)], axis=2), _SEPARATED) for slot in of.nearest(id)]
+        wanted += [(np.concatenate([own, of.effects.signals(s)], axis=2), _SEPARATED) for s in of.nearest(id)]
         for columns, needed in wanted:
-            row = np.zeros((1, len(of.responses.names) + columns.shape[2]))
-            row[0, len(of.responses.names)] = needed / size
+            row = np.eye(1, shared + columns.shape[2], shared) * needed / size
             listed.append(of.criterion(columns, row, "largest"))
     return Term(tuple(listed))
 
@@ -164,13 +144,10 @@ def alias_term(of: EffectsOfCells, ids: Iterable[str]) -> Term:
 
     **Raises:** `InputError` as `naming_term`.
     """
-    names, use = of.responses.names, of_use(of.where)
-    sensor = 1e3 * sensor_rows(names) * of.responses.scales
-    listed = list[tuple[LinearModel, Criterion]]()
+    names, use, listed = of.responses.names, of_use(of.effects.at.problem.where), list[tuple[LinearModel, Criterion]]()
+    sensor = sensor_rows(names) * of.responses.scales
     for id in ids:
-        rows = np.zeros((len(sensor) + 1, len(names) + 1))
-        rows[:-1, :-1], rows[:-1, -1] = sensor, 1e3 * effect_in_use(of.entries, of.slot(id), use)
-        rows[-1, -1] = 1.0
-        rows[:-1] *= of.detected
+        error = np.column_stack([sensor, effect_in_use(of.entries, of.slot(id), use)])
+        rows = np.concatenate([1e3 * of.detected * error, np.eye(1, len(names) + 1, len(names))])
         listed.append(of.criterion(of.signal(id), rows, "alias"))
     return Term(tuple(listed))

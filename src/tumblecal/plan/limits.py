@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import permutations, product
+from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.chain.head_ability import HeadAbility, Times
-from tumblecal.ground.errors import InputError
+from tumblecal.chain.head_ability import Times
 from tumblecal.plan.cells import Cells, Sitting
 
 
@@ -24,10 +23,10 @@ class Limits:
 
     cells: Cells
     times: Times
-    count: float
-    seconds: float
-    repeats: int
     allowed: Bool[np.ndarray, " cells"]
+    count: float = np.inf
+    seconds: float = np.inf
+    repeats: int = 1
     present: int | None = None
 
     @property
@@ -36,13 +35,17 @@ class Limits:
         return bool(np.isfinite(self.seconds))
 
     @cached_property
-    def _sittings(self) -> dict[int, Sitting]:
-        return dict(zip(self.cells.sitting.tolist(), self.cells.sittings, strict=True))
-
-    def _remounts(self, sittings: Sequence[int]) -> int:
-        """The fewest remounts of some sittings, by their numbers."""
-        first = None if self.present is None else self.cells.sittings[self.present]
-        return sittings_in_order(tuple(self._sittings[k] for k in sorted(sittings)), first)[0]
+    def sets(self) -> list[Bool[np.ndarray, " cells"]]:
+        """The allowed cells of every set of temperatures and of mountings, larger sets first; without a limit of time those of
+        all, since none costs anything."""
+        if not self.timed:
+            return [self.allowed]
+        inside = list[list[np.ndarray]]()
+        for label in (self.cells.soak, self.cells.mounting):
+            every = np.unique(label[self.allowed])
+            subsets = (one for size in range(len(every), 0, -1) for one in combinations(every, size))
+            inside.append([np.isin(label, one) for one in subsets])
+        return [self.allowed & one & other for one, other in product(*inside)]
 
     def durations_s(self, number: Int[np.ndarray, " cells"]) -> tuple[float, Float[np.ndarray, " cells"]]:
         """Duration of so many positions in each cell, settings visited once, and what one more in each cell adds. It is at most
@@ -52,17 +55,17 @@ class Limits:
         at = at if self.present is None else np.append(at, self.present)
         if not len(at):
             return 0.0, np.full(len(number), dwell)
-        labels = (np.arange(len(number)), cells.group, cells.soak, cells.sitting)
+        first = None if self.present is None else cells.sittings[self.present]
+        here = frozenset(cells.sittings[k] for k in at)
+        now = sittings_in_order(here, first)[0]
+        remounts = {one: sittings_in_order(here | {one}, first)[0] - now for one in {*cells.sittings}}
+        total = number.sum() * dwell + now * times.remount_s
+        more = dwell + times.remount_s * np.array([remounts[one] for one in cells.sittings])
+        labels = (np.arange(len(number)), cells.group, cells.soak)
         steps = (times.turn_s, times.pitch_change_s, times.temperature_change_s)
-        used = [np.bincount(label[at], minlength=int(label.max()) + 1) > 0 for label in labels]
-        here = np.flatnonzero(used[3]).tolist()
-        now = self._remounts(here)
-        remounts = np.array(
-            [0 if open else self._remounts([*here, k]) - now for k, open in enumerate(used[3].tolist())]
-        )
-        total, more = number.sum() * dwell + now * times.remount_s, dwell + times.remount_s * remounts[cells.sitting]
-        for step, label, open in zip(steps, labels, used, strict=False):
-            total, more = total + step * (np.count_nonzero(open) - 1), more + step * ~open[label]
+        for step, label in zip(steps, labels, strict=True):
+            used = np.isin(label, label[at])
+            total, more = total + step * (len(np.unique(label[at])) - 1), more + step * ~used
         return float(total), more
 
     def exceeded(self, number: Int[np.ndarray, " cells"]) -> bool:
@@ -78,50 +81,17 @@ class Limits:
         return free & (total + more <= self.seconds + 1e-9)
 
 
-def limits_of(
-    cells: Cells,
-    ability: HeadAbility,
-    *,
-    count: int | None = None,
-    minutes: float | None = None,
-    allowed: Bool[np.ndarray, " cells"] | None = None,
-    repeats: int = 1,
-    present: int | None = None,
-) -> Limits:
-    """The limits of a plan: `count` positions, or as many as are best within `minutes`, or both.
-
-    `allowed`: cells that may be chosen; all if omitted. `repeats`: largest number of positions in one cell. `present`: the
-    cell of the last position of a running measurement.
-
-    **Raises:** `InputError` if neither a number nor a duration is stated, or no position fits.
-    """
-    if count is None and minutes is None:
-        raise InputError("a plan needs a number of positions or a duration; state one")
-    mask = np.ones(len(cells), bool) if allowed is None else np.asarray(allowed, bool)
-    most, seconds = np.inf if count is None else count, np.inf if minutes is None else 60.0 * minutes
-    limits = Limits(cells, ability.times, most, seconds, repeats, mask, present)
-    if not np.any(limits.fits(np.zeros(len(cells), int))):
-        least = (ability.times.dwell_s + ability.times.settle_s) / 60
-        raise InputError(f"no position fits; one takes {least:.3g} min, in an allowed setting")
-    return limits
-
-
 def most_visits(limits: Limits) -> tuple[int, int]:
     """The most visits of one pitch setting in a mounting, and of one mounting, that any order within the limits has: between
     two visits of a setting is at least one position in another one, and both changes take time."""
-    times = limits.times
+    times, most = limits.times, list[int]()
     dwell = times.dwell_s + times.settle_s
-
-    def most(label: np.ndarray, change_s: float) -> int:
+    for label, change_s in ((limits.cells.setting, times.pitch_change_s), (limits.cells.mounting, times.remount_s)):
         number = limits.repeats * np.bincount(label[limits.allowed])
-        if np.count_nonzero(number) == 1:
-            return 1
-        total = min(limits.count, number.sum())
-        if limits.timed:
-            total = min(total, (limits.seconds + change_s) / (dwell + change_s) + 1e-9)
-        return max(1, int(min(number.max(), (total + 1) // 2)))
-
-    return most(limits.cells.setting, times.pitch_change_s), most(limits.cells.mounting, times.remount_s)
+        total = min(limits.count, number.sum(), (limits.seconds + change_s) / (dwell + change_s) + 1e-9)
+        several = np.count_nonzero(number) > 1
+        most.append(max(1, int(min(number.max(), (total + 1) // 2))) if several else 1)
+    return most[0], most[1]
 
 
 def in_order(
@@ -130,13 +100,13 @@ def in_order(
     present: int | None = None,
     rng: np.random.Generator | None = None,
 ) -> Int[np.ndarray, " positions"]:
-    """Cells in an order that visits each setting once: temperatures upwards, the fewest remounts, pitch settings there and
+    """Cells in an order that visits each setting once: temperatures upwards, few remounts, pitch settings there and
     back, and within a pitch setting one turn of the spindle from its last angle on; pitch settings and their positions in
     random order with `rng`. The `present` cell comes first."""
     taken, order, sitting_of = np.asarray(taken, int), list[int](), cells.sittings
     angle, first = (0.0, None) if present is None else (float(cells.alpha_deg[present]), sitting_of[present])
-    used = {*(sitting_of[k] for k in taken), *([] if first is None else [first])}
-    for number, sitting in enumerate(sittings_in_order(tuple(sorted(used)), first)[1]):
+    used = frozenset([*(sitting_of[k] for k in taken), *([] if first is None else [first])])
+    for number, sitting in enumerate(sittings_in_order(used, first)[1]):
         here = taken[[sitting_of[k] == sitting for k in taken]]
         settings = np.unique(cells.pitch[here])[:: -1 if number % 2 else 1]
         settings = settings if rng is None else rng.permutation(settings)
@@ -151,20 +121,16 @@ def in_order(
 
 
 @lru_cache(maxsize=10_000)
-def sittings_in_order(sittings: tuple[Sitting, ...], present: Sitting | None = None) -> tuple[int, tuple[Sitting, ...]]:
-    """The fewest remounts of some sittings, and their order: temperatures upwards, that of the `present` one first (dynamic
-    programming over the last mounting)."""
-    # The fewest remounts and the order, by the last mounting.
-    nothing: tuple[int, tuple[Sitting, ...]] = (0, ())
-    best = {mounting: nothing for _, mounting in ([present] if present else sittings)}
-    for soak in sorted(
-        {soak for soak, _ in sittings}, key=lambda one: (present is not None and one != present[0], one)
-    ):
-        mounts, before, best = sorted(mounting for one, mounting in sittings if one == soak), best, {}
-        ends = permutations(mounts, 2) if len(mounts) > 1 else [(mounts[0], mounts[0])]
-        for (first, last), (from_mount, (remounts, order)) in product(ends, before.items()):
-            path = dict.fromkeys((first, *(mounting for mounting in mounts if mounting != last), last))
-            here = tuple((soak, mounting) for mounting in path)
-            found = remounts + (from_mount != first) + len(mounts) - 1, (*order, *here)
-            best[last] = min(best.get(last, found), found)
-    return min(best.values(), default=nothing)
+def sittings_in_order(sittings: frozenset[Sitting], present: Sitting | None = None) -> tuple[int, tuple[Sitting, ...]]:
+    """Remounts of some sittings, and their order: temperatures upwards, that of the `present` one first; at each temperature
+    the last mounting first, and one that the next temperature needs last."""
+    mounts_at, remounts, order = dict[int, set[int]](), 0, list[Sitting]()
+    for soak, mounting in sorted(sittings, key=lambda one: (present is not None and one[0] != present[0], one)):
+        mounts_at.setdefault(soak, set()).add(mounting)
+    last = None if present is None else present[1]
+    for (soak, mounts), following in zip(mounts_at.items(), [*mounts_at.values(), set[int]()][1:], strict=True):
+        for mounting in sorted(mounts, key=lambda one: (one != last, one in following, one)):
+            remounts += last not in (None, mounting)
+            order.append((soak, mounting))
+            last = mounting
+    return remounts, tuple(order)

@@ -8,7 +8,7 @@ stretch of positions moved or reversed.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,25 +16,17 @@ from jaxtyping import Float, Int
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.of_head import tabulated_covariance
+from tumblecal.plan.criterion import Criterion
+from tumblecal.plan.information import SEARCHED, scheduled_model, uncertainties
 from tumblecal.plan.limits import in_order
-from tumblecal.plan.linear_model import SEARCHED, scheduled_model
 from tumblecal.plan.responses import Responses
 from tumblecal.plan.schedule import Schedule, schedule
-from tumblecal.plan.uncertainties import information_of, uncertainties
 
 
 Kind = Literal["best", "random", "keep"]
 # Numbers of cells.
 Order = Int[np.ndarray, " positions"]
 Objective = Callable[[Int[np.ndarray, "n positions"]], Float[np.ndarray, " n"]]
-
-
-class OfCovariance(Protocol):
-    """A number to be small, from covariances of the scaled shared parameters."""
-
-    def of(self, covariance: Float[np.ndarray, "*n shared shared"], /) -> Float[np.ndarray, "*n"]:
-        """The number of each."""
-        ...
 
 
 # Exponent of the duration in the objective. Without a limit a longer order must pay: repeating a measurement reduces all
@@ -61,7 +53,7 @@ class Ordered:
 def best_order(
     responses: Responses,
     ability: HeadAbility,
-    criterion: OfCovariance,
+    criterion: Criterion,
     cells: Order,
     *,
     minutes: float | None = None,
@@ -103,13 +95,13 @@ def best_order(
         raise InputError(f"{needed}, but {minutes:g} min are allowed; allow more time or fewer positions")
     model = scheduled_model(responses, planned)
     value = criterion.of(uncertainties(responses, planned, ability).covariance)
-    return Ordered(planned, float(value), float(criterion.of(model.shared(information_of(model)))))
+    return Ordered(planned, float(value), float(criterion.of(model.shared(model.with_all()))))
 
 
 def _objective(
     responses: Responses,
     ability: HeadAbility,
-    criterion: OfCovariance,
+    criterion: Criterion,
     minutes: float | None,
     measured: Sequence[int] | np.ndarray,
     count: int,
@@ -126,7 +118,7 @@ def _objective(
         planned = schedule(responses.cells, orders, times, measured)
         model = scheduled_model(responses, planned, SEARCHED)
         shared = None if table is None else table(planned.start_s) / responses.sd**2
-        values = criterion.of(model.shared(information_of(model, shared)))
+        values = criterion.of(model.shared(model.with_all(shared)))
         over = np.maximum(planned.end_s / limit_s - 1.0, 0.0)
         return np.log(values) + price * np.log(planned.end_s) + np.where(over > 0, 1e3 + 1e6 * over, 0.0)
 
@@ -158,12 +150,9 @@ def _changed(group: Int[np.ndarray, " cells"], order: Order, rng: np.random.Gene
     ends = _ends(group, order) if rng.random() < _VISITS else np.arange(count + 1)
     first, last = np.sort(rng.choice(ends, 2, replace=False)).tolist()
     part, rest = order[first:last], np.delete(order, np.s_[first:last])
-    if rng.random() < 0.5:
-        part = part[::-1]
-        at = first if rng.random() < 0.5 else int(rng.choice(_ends(group, rest)))
-    else:
-        at = int(rng.choice(_ends(group, rest)))
-    return np.concatenate([rest[:at], part, rest[at:]])
+    reverse = rng.random() < 0.5
+    at = first if reverse and rng.random() < 0.5 else int(rng.choice(_ends(group, rest)))
+    return np.concatenate([rest[:at], part[::-1] if reverse else part, rest[at:]])
 
 
 def _searched(

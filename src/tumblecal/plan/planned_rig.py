@@ -14,10 +14,9 @@ from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_temperature import RigTemperature
 from tumblecal.chain.where import VISITS
 from tumblecal.plan.cells import Cells
-from tumblecal.plan.information import covariance_of
+from tumblecal.plan.information import uncertainties
 from tumblecal.plan.responses import MOUNT, PITCH, Responses, Setting
 from tumblecal.plan.schedule import Schedule
-from tumblecal.plan.uncertainties import scheduled_information
 
 
 # Angles of visits that nothing determines, and that nothing depends on, get this prior, rad: no bound.
@@ -39,8 +38,7 @@ def planned_rig(
     cells = responses.cells.chosen(schedule.cells)
     plan = cells.plan(names, np.round(schedule.start_s + ability.times.dwell_s / 2, 3))
     leaves, priors, spread = dict(rig.leaves), dict(rig.priors), ability.repeatability
-    model, information = scheduled_information(responses, schedule, ability)
-    no_bound = model.free_directions(covariance_of(information)).shape[1] > 0
+    bounded = uncertainties(responses, schedule, ability).bounded
     of_setting = {PITCH: (responses.pitch, schedule.pitch_visit), MOUNT: (responses.mount, schedule.mount_visit)}
     for name, (setting, visit) in of_setting.items():
         leaves[name] = _leaf(name, setting, visit, cells)
@@ -48,7 +46,7 @@ def planned_rig(
             # Every visit is independent; also if the leaf is fixed in the rig, but not set exactly again.
             priors[name] = (0.0, setting.again * setting.scale)
             spread = replace(spread, **{"pitch" if name == PITCH else "mount": None})
-        elif setting.common is None and not setting.again and no_bound:
+        elif setting.common is None and not setting.again and not bounded:
             priors[name] = (0.0, _NO_BOUND)
     truth = {name: values for name, values in rig.truth.items() if name.partition("_")[0] not in _BY}
     planned = replace(

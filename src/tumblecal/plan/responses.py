@@ -1,6 +1,5 @@
 """Linear responses of all cells: derivatives of the readings by the parameters of the rig, and by its settings."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,16 +63,6 @@ class Responses:
         pitch, mount = (replace(each, columns=each.columns[numbers]) for each in (self.pitch, self.mount))
         columns = self.columns[numbers]
         return replace(self, cells=self.cells.chosen(numbers), columns=columns, pitch=pitch, mount=mount)
-
-    def indices(self, parameters: Sequence[str]) -> np.ndarray:
-        """Places of some shared parameters.
-
-        **Raises:** `InputError` for one that the rig does not have, or that belongs to a setting.
-        """
-        for name in parameters:
-            if name not in self.names:
-                raise InputError(f"no parameter {name!r}; a plan is designed for {', '.join(self.names)}")
-        return np.array([self.names.index(name) for name in parameters], int)
 
 
 def responses_of(rig: Rig, cells: Cells) -> Responses:

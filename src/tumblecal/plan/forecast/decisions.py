@@ -1,11 +1,9 @@
 """Decisions of the diagnosis on many residual vectors of one plan: detected, named, identified.
 
-The diagnosis searches all sets of causes. If one effect alone is there, the sets that count are every single cause, the most
-probable ones with one cause more, other noise, and lack of fit. These are evaluated here for all vectors together, by the
-formulas and with the numbers of the diagnosis.
+The diagnosis searches all sets of causes. If one effect alone is there, the sets that count are every single cause, the effect
+with one cause more, other noise, and lack of fit. These are evaluated here for all vectors together, by the formulas and with
+the numbers of the diagnosis.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,7 +16,6 @@ from tumblecal.diagnosis.priors import (
     LACK_OF_FIT_WEIGHT,
     LEAST_ODDS,
     NEGLIGIBLE,
-    PROMISING,
     SURE,
 )
 from tumblecal.diagnosis.sets.cause_sets import Members, rows_of
@@ -28,15 +25,6 @@ from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.full_model.evidence import log_evidence_of_noise
 from tumblecal.full_model.priors import SIZE_PRIOR
 from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan
-
-
-class Decisions(NamedTuple):
-    """For each residual vector: whether something is detected; whether the effect is named by the leading explanation or one
-    that the data cannot separate from it; whether it is identified, the only cause (identities at 1 g aside)."""
-
-    detected: Bool[np.ndarray, " draws"]
-    named: Bool[np.ndarray, " draws"]
-    identified: Bool[np.ndarray, " draws"]
 
 
 def detections(of: EffectsOfPlan, z: Float[np.ndarray, "draws nu"]) -> Bool[np.ndarray, " draws"]:
@@ -51,17 +39,19 @@ def detections(of: EffectsOfPlan, z: Float[np.ndarray, "draws nu"]) -> Bool[np.n
     return statistic > of.threshold
 
 
-def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> Decisions:
-    """Decisions on vectors in which an effect is present.
+def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> Bool[np.ndarray, "3 draws"]:
+    """Decisions on vectors in which an effect is present: whether something is detected; whether the effect is named by the
+    leading explanation or one that the data cannot separate from it; whether it is identified, the only cause (identities at
+    1 g aside).
 
     The verdict is `identified` where the leading cause, those identical at 1 g and further powers of its polynomial have
     together a probability of `SURE`.
     """
-    pool, own, detected = of.pool, of.causes(id), detections(of, z)
-    named, identified = np.zeros((2, len(z)), bool)
-    here = np.flatnonzero(detected)
+    pool, own, decided = of.pool, of.causes(id), np.zeros((3, len(z)), bool)
+    decided[0] = detections(of, z)
+    here = np.flatnonzero(decided[0])
     if not (len(own) and len(here)):
-        return Decisions(detected, named, identified)
+        return decided
     z = z[here]
     singles, (noise, lack) = _with_each(of, (), z), _alternatives(of, z)
     start = int(own[np.argmax(singles[:, own].max(axis=0))])
@@ -76,18 +66,14 @@ def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> D
     alternative = np.max([singles[:, others].max(axis=1, initial=-np.inf), noise[:, 0], unnamed], axis=0)
     leading = np.maximum(_sum(singles[:, own]), singles[:, right].max(axis=1))
     together = with_another[:, pool.is_named].max(axis=1)
-    claimed, total = (
-        _sum(singles[:, right], with_another[:, powers]),
-        _sum(none[:, None], singles, with_another, noise, lack),
-    )
-    found = (leading >= np.maximum(alternative, together)) & (claimed - total >= np.log(SURE))
-    sure = np.flatnonzero(found)
-    total[sure] = np.logaddexp(total[sure], _pairs_without(of, start, z[sure], singles[sure]))
-    identified[here] = found & (claimed - total >= np.log(SURE))
-    named[here] = np.maximum(leading, together) >= alternative
-    rest = np.flatnonzero(~named[here])
-    named[here[rest]] = _imitates(of, start, z[rest], singles[rest], _sum(singles[:, own])[rest])
-    return Decisions(detected, named, identified)
+    claimed = _sum(singles[:, right], with_another[:, powers])
+    total = _sum(none[:, None], singles, with_another, noise, lack)
+    named = np.maximum(leading, together) >= alternative
+    rest = np.flatnonzero(~named)
+    named[rest] = _imitates(of, start, z[rest], singles[rest], _sum(singles[:, own])[rest])
+    decided[1, here] = named
+    decided[2, here] = (leading >= np.maximum(alternative, together)) & (claimed - total >= np.log(SURE))
+    return decided
 
 
 def identities(of: EffectsOfPlan, own: int) -> list[int]:
@@ -120,22 +106,6 @@ def _with_each(
     scores = enlarged.evidence + priors
     enlarged.settle(scores >= scores.max(axis=1, keepdims=True) - NEGLIGIBLE / 2)
     return np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
-
-
-def _pairs_without(
-    of: EffectsOfPlan, start: int, z: Float[np.ndarray, "draws nu"], singles: Float[np.ndarray, "draws causes"]
-) -> Float[np.ndarray, " draws"]:
-    """Logarithm of the sum over pairs without `start`: every other cause that is not far behind the best with one cause more.
-    Each pair is counted once, by the first of its causes."""
-    pool, total = of.pool, np.full(len(z), -np.inf)
-    near = singles >= singles.max(axis=1, keepdims=True) - PROMISING
-    near[:, np.setdiff1d(np.arange(pool.size), pool.blocks)] = near[:, start] = False
-    for cause in np.flatnonzero(near.any(axis=0)).tolist():
-        here = np.flatnonzero(near[:, cause])
-        pairs = _with_each(of, (cause,), z[here])
-        pairs[:, :cause][near[here, :cause]] = pairs[:, start] = -np.inf
-        total[here] = np.logaddexp(total[here], _sum(pairs))
-    return total
 
 
 def _alternatives(

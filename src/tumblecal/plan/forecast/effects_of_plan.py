@@ -4,12 +4,13 @@ The decisions are made in the residual space, which the nominal model does not r
 noise is white. Causes, weights and thresholds are those of the diagnosis itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from tumblecal.chain.head_ability import SlowNoise
 from tumblecal.chain.rig import Rig
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
@@ -29,6 +30,7 @@ from tumblecal.full_model.tangent import Tangent, tangent
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
+from tumblecal.plan.cells import Cells
 
 
 @dataclass(frozen=True)
@@ -69,21 +71,42 @@ class EffectsOfPlan:
 
         **Raises:** `InputError` for an effect that the catalogue lacks or that this schedule cannot test.
         """
-        return slot_of(self.model, self.entries, id)
+        found = next((slot for slot in self.model.slots if slot.id == id), None)
+        if found is None:
+            entry(self.entries, id)
+            on_data = "it acts on the data or on the noise, not on the readings of a position"
+            raise InputError(f"{id}: a plan cannot be designed for it: {self.model.not_testable.get(id, on_data)}")
+        return found
+
+    def unit_steps(self, slot: Slot) -> Float[np.ndarray, " columns"]:
+        """Coefficients of an effect of size 1 in its unit, each of this size, in scales of the model."""
+        effect, units = self.entries[slot.id], dict(zip(slot.all_columns, slot.units, strict=True))
+        sizes = [factor(effect.unit, units[k]) if effect.shows(units[k]) else 0.0 for k in slot.columns]
+        return np.array(sizes) / self.model.scales[list(slot.columns)]
 
     def signal(self, id: str) -> Float[np.ndarray, " rows"]:
         """White signal of an effect of size 1 in its unit, every coefficient of this size."""
         slot = self.slot(id)
-        return self.at.jacobian[:, list(slot.columns)] @ unit_steps(self.model, self.entries, slot)
+        return self.at.jacobian[:, list(slot.columns)] @ self.unit_steps(slot)
 
     @cached_property
     def absorbed(self) -> Float[np.ndarray, "nominal rows"]:
         """Changes of the nominal parameters, in scales of the model, by a white signal."""
         return np.linalg.pinv(self.at.jacobian[:, : self.model.nominal], rcond=RANK_TOLERANCE)
 
+    def signals(self, slot: Slot) -> Float[np.ndarray, "positions 3 columns"]:
+        """White signals of an effect's coefficients at each position, each in its scale."""
+        count = len(self.at.problem.readings)
+        return self.at.jacobian[: 3 * count, list(slot.columns)].reshape(count, 3, -1)
+
     def shown(self, id: str) -> Float[np.ndarray, " nu"]:
         """What the nominal model leaves of it."""
         return self.at.basis.T @ self.signal(id)
+
+    def visible(self, id: str) -> float:
+        """Share of the signal of an effect that the nominal parameters do not absorb."""
+        whole = float(np.linalg.norm(self.signal(id)))
+        return float(np.linalg.norm(self.shown(id))) / whole if whole else 0.0
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -99,26 +122,6 @@ class EffectsOfPlan:
     def causes(self, id: str) -> Int[np.ndarray, " own"]:
         """Numbers of an effect among the causes; several for one with several starts, none for one that does not show."""
         return np.array([k for k in self.pool.effects.tolist() if self.pool.labels[k] == id], int)
-
-
-def slot_of(model: FullModel, entries: Catalogue, id: str) -> Slot:
-    """The first link of an effect.
-
-    **Raises:** `InputError` for an effect that the catalogue lacks or that positions of the model cannot test.
-    """
-    found = next((slot for slot in model.slots if slot.id == id), None)
-    if found is None:
-        entry(entries, id)
-        on_data = "it acts on the data or on the noise, not on the readings of a position"
-        raise InputError(f"{id}: a plan cannot be designed for it: {model.not_testable.get(id, on_data)}")
-    return found
-
-
-def unit_steps(model: FullModel, entries: Catalogue, slot: Slot) -> Float[np.ndarray, " columns"]:
-    """Coefficients of an effect of size 1 in its unit, each of this size, in scales of the model."""
-    effect, units = entries[slot.id], dict(zip(slot.all_columns, slot.units, strict=True))
-    sizes = [factor(effect.unit, units[k]) if effect.shows(units[k]) else 0.0 for k in slot.columns]
-    return np.array(sizes) / model.scales[list(slot.columns)]
 
 
 def effects_of_plan(rig: Rig, entries: Catalogue, like: FullModel | None = None) -> EffectsOfPlan:
@@ -142,3 +145,13 @@ def effects_of_plan(rig: Rig, entries: Catalogue, like: FullModel | None = None)
     readings = model.evaluate(where, model.start).predicted
     problem = Problem.from_arrays(chain, where, readings, noise_sd=rig.noise_sd_g, priors=priors)
     return EffectsOfPlan(tangent(model, with_slow_noise(problem, ability), model.start), entries)
+
+
+def effects_of_cells(
+    rig: Rig, cells: Cells, entries: Catalogue, seconds: float, like: FullModel | None = None
+) -> EffectsOfPlan:
+    """The effects at some cells of a rig's head, under white noise, as if these were measured in their order in a time; other
+    arguments as of `effects_of_plan`."""
+    plan = cells.plan(tuple(map(str, range(len(cells)))), np.linspace(0.0, seconds, len(cells)))
+    ability = rig.ability and replace(rig.ability, slow_noise=SlowNoise())
+    return effects_of_plan(replace(rig, plan=plan, ability=ability), entries, like)

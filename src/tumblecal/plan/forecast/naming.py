@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
-from tumblecal.chain.head_ability import SlowNoise
 from tumblecal.chain.rig import Rig
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER
@@ -21,8 +20,8 @@ from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.forecast.alias import error_in_use
-from tumblecal.plan.forecast.decisions import Decisions, decisions, detections, identities
-from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.plan.forecast.decisions import decisions, detections, identities
+from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_cells, effects_of_plan
 from tumblecal.plan.forecast.record import Alias, EffectForecast, Limit, NamingForecast
 
 
@@ -84,15 +83,12 @@ def hidden_on_head(rig: Rig, ids: Sequence[str], entries: Catalogue, like: FullM
     """Those of some effects that no positions on a rig's head show, by many of its cells; `like`: the model of a plan."""
     if rig.ability is None or not ids:
         return ()
-    cells, plan = cells_of(rig.ability), rig.plan
+    cells = cells_of(rig.ability)
     if len(cells) > _MOST_CELLS:
         cells = cells.chosen(np.sort(np.random.default_rng(0).permutation(len(cells))[:_MOST_CELLS]))
-    cells = replace(cells, temperature_degc=None) if plan.temperature_degc is None else cells
-    times = None if plan.time_s is None else rig.ability.times.dwell_s * np.arange(len(cells))
-    everywhere = cells.plan(tuple(map(str, range(len(cells)))), times)
-    whole = replace(rig, plan=everywhere, ability=replace(rig.ability, slow_noise=SlowNoise()))
-    every = effects_of_plan(whole, {id: entries[id] for id in ids}, like)
-    return tuple(id for id in every.ids if not _visible(every, id))
+    seconds = rig.ability.times.dwell_s * len(cells)
+    every = effects_of_cells(rig, cells, {id: entries[id] for id in ids}, seconds, like)
+    return tuple(id for id in every.ids if every.visible(id) <= VISIBLE)
 
 
 def _largest_alias(of: EffectsOfPlan, sizes: Mapping[str, float]) -> Alias | None:
@@ -123,11 +119,7 @@ def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float 
 
 def detectable(of: EffectsOfPlan, id: str) -> bool:
     """Whether the nominal parameters leave a visible part of an effect's signal."""
-    return bool(len(of.causes(id)) and _visible(of, id))
-
-
-def _visible(of: EffectsOfPlan, id: str) -> bool:
-    return bool(np.linalg.norm(of.shown(id)) > VISIBLE * np.linalg.norm(of.signal(id)))
+    return bool(len(of.causes(id))) and of.visible(id) > VISIBLE
 
 
 def _normal_quantile(happened: Bool[np.ndarray, " draws"]) -> float:
@@ -139,34 +131,32 @@ def forecast_of_effect(
     of: EffectsOfPlan, id: str, size: float, limit: float | None, draws: int, seed: int
 ) -> EffectForecast:
     """Forecast for one effect of a size in its unit; `limit`: about where it is detected, None for an undetectable one."""
-    whole, shown = np.linalg.norm(of.signal(id)), np.linalg.norm(of.shown(id))
     rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
     smallest: tuple[float | None, float | None, float | None] = (None, None, None)
     same = inseparable = tuple[str, ...]()
     if limit is not None:
         same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
         smallest = rates.smallest(0, limit), rates.smallest(1, limit), rates.smallest(2, limit)
-        inseparable = not_separated(of, id, max(size, limit), same)
-    visible = float(shown / whole) if whole else 0.0
+        inseparable = tuple(label for label in not_separated(of, id, max(size, limit)) if label not in (id, *same))
+    visible = of.visible(id)
     return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, inseparable)
 
 
-def not_separated(of: EffectsOfPlan, id: str, size: float, identical: Sequence[str]) -> tuple[str, ...]:
-    """Effects that make the signal of another one of a size to within what the diagnosis takes for indistinguishable."""
+def not_separated(of: EffectsOfPlan, id: str, size: float) -> tuple[str, ...]:
+    """Effects that make the signal of one of a size to within what the diagnosis takes for indistinguishable; itself too."""
     signal, found = size * of.shown(id), dict[str, None]()
     for k in of.pool.effects.tolist():
-        block = of.block(k)
-        rest = signal - block @ (block.T @ signal)
+        rest = signal - of.block(k) @ (signal @ of.block(k))
         if rest @ rest < INDISTINGUISHABLE**2:
             found[of.pool.labels[k]] = None
-    return tuple(label for label in found if label not in (id, *identical))
+    return tuple(found)
 
 
 class Rates:
     """Shares of draws that are detected, named and identified, by the size of an effect in its unit."""
 
     def __init__(self, of: EffectsOfPlan, id: str, noise: Float[np.ndarray, "draws nu"]):
-        self._of, self._id, self._noise, self._decided = of, id, noise, dict[float, Decisions]()
+        self._of, self._id, self._noise, self._decided = of, id, noise, dict[float, np.ndarray]()
 
     def __call__(self, size: float) -> tuple[float, float, float]:
         """The shares at a size."""

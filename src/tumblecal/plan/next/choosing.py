@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.plan.next.posterior import Gains, Posterior
-from tumblecal.plan.next.proposals import NextPosition
+from tumblecal.plan.next.proposals import NextPosition, by_pitch
 
 
 MOST_IN_SET = 12
@@ -85,7 +85,8 @@ def greedy(
     least: Float[np.ndarray, " listed"],
     settings: Collection[float],
 ) -> list[NextPosition]:
-    """A set chosen one by one, each the best per position given those before it, with the value that each adds.
+    """A set in the order in which it is measured, chosen one by one, each the best per position given those before it, with the
+    value that each adds.
 
     **Arguments:**
 
@@ -107,4 +108,4 @@ def greedy(
         best = int(np.argmax(np.where(usable, np.minimum(values, value.lacking) / effort, 0.0)))
         chosen.append(replace(listed[best], value=value.take(cells[best])))
         spent |= places[best]
-    return chosen
+    return by_pitch(chosen)

@@ -78,12 +78,8 @@ class Competition:
 
     def at(self, listed: Sequence[NextPosition], conditions: Conditions) -> Predicted:
         """Every explanation at new positions; arguments as of `rows_of`."""
-        nominal, posteriors = range(self.diagnosis.model.nominal), list[Posterior]()
         rows = rows_of(self.diagnosis, listed, conditions)
-        for one in self.competing:
-            own = (column for cause in one.causes for column in cause.slot.all_columns)
-            posteriors.append(rows.under(one.causes, self.diagnosis.model.names).posterior((*nominal, *own)))
-        return Predicted(rows, posteriors)
+        return Predicted(rows, [rows.posterior(one.causes, self.diagnosis.model) for one in self.competing])
 
 
 def competition(diagnosis: Diagnosis) -> Competition:

@@ -14,8 +14,8 @@ from tumblecal.chain.nominal import Mount
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.attitudes import next_attitudes
-from tumblecal.ground.precision import single_blas_thread
-from tumblecal.plan.next.choosing import MOST, MOST_IN_SET, Value, best_of, greedy
+from tumblecal.ground.blas import single_blas_thread
+from tumblecal.plan.next.choosing import MOST_IN_SET, Value, best_of, greedy
 from tumblecal.plan.next.competition import competition
 from tumblecal.plan.next.conditions import Conditions, continued, temperature_notes
 from tumblecal.plan.next.confirming import Confirmation, confirmations
@@ -116,12 +116,7 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     if diagnosis.data.hand_held:
         return _by_hand(diagnosis)
     allowed, data = allowed or Allowed(), diagnosis.data
-    # Whether the chain can describe the triad in a new mounting: by an exact mount with free angles for each mounting.
-    mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
-    free = [leaf for leaf in parameters_of(tuple(mounts)) if leaf.name == "dtheta" and leaf.free]
-    one_mounting = not diagnosis.from_rig or len(set(data.mount or ("1",))) == 1
-    of_mounting = any(one_mounting if leaf.by is None else "mount" in leaf.by.split(".") for leaf in free)
-    sides = tuple(SIDES) if allowed.remount and len(mounts) == 1 and of_mounting else ()
+    sides = tuple(SIDES) if allowed.remount and _remounts(diagnosis) else ()
     notes = [_NOT_REMOUNTED] if allowed.remount and not sides else []
     plan = NextPlan(from_rig=diagnosis.from_rig, conditions=continued(data))
     if diagnosis.unnamed is not None:
@@ -141,49 +136,44 @@ def _proposed(
 ) -> NextPlan:
     """The plan that separates explanations if that is worth measuring, otherwise the one that improves the worst parameter."""
     competing, data, model = competition(diagnosis), diagnosis.data, diagnosis.model
-    settings = {*data.pitch_setting_deg.tolist()}
+    settings, alternatives = {*data.pitch_setting_deg.tolist()}, competing.alternatives
     if competing.at_settings:
         listed = [one for one in listed if one.beta_deg in settings] or listed
-        notes += [_AT_SETTINGS] if competing.alternatives else []
-    predicted = competing.at(listed, continued(data)._replace(step_s=0.0))
-    found = separate(competing, predicted, listed, reversed_run(data, allowed))
-    separated = found is not None and found.promise.worth_measuring
-    predicted = found.predicted if found is not None and separated else predicted
-    rows, leader = predicted.rows, predicted.posteriors[0]
-    if any(cause.slot.all_columns for cause in diagnosis.members):
-        others = zip(predicted.posteriors[1:], competing.alternatives, strict=True)
-        counted = np.ones(len(competing.alternatives), bool) if not separated or found is None else found.counted
-        possible = [each for each, counts in zip(others, counted, strict=True) if counts]
-        strongest = (*possible, (rows.posterior(range(model.nominal)), ()))[0]
-        plan = replace(plan, confirming=confirmations(listed, rows, settings, leader, *strongest))
-    plan = replace(plan, promise=None if found is None else found.promise)
-    if found is not None and separated:
-        value = separation(competing, predicted, found.counted)
-        singles, together = best_of(listed, rows.cells, value, LEAST_STEP), found.ordered
+        notes += [_AT_SETTINGS] if alternatives else []
+    predicted, counted = competing.at(listed, continued(data)._replace(step_s=0.0)), np.ones(len(alternatives), bool)
+    found, promise = separate(competing, predicted, listed, reversed_run(data, allowed)), None
+    if alternatives:
+        promise = Promise(0.0, 0.0, 1.0, (), alternatives) if found is None else found.promise
+    if found is not None and found.promise.worth_measuring:
+        plan = replace(plan, purpose=SEPARATE, conditions=found.conditions, in_reverse=found.in_reverse)
+        predicted, counted, together = found.predicted, found.counted, found.ordered
+        value = separation(competing, predicted, counted)
+        singles = best_of(listed, predicted.rows.cells, value, LEAST_STEP)
         whole = sum(one.value for one in together)
-        plan = replace(plan, purpose=SEPARATE, conditions=found.conditions, in_reverse=found.in_reverse, value=whole)
     else:
-        # Columns of the sensor parameters of new positions; all nominal ones if a rig fixes these.
-        watched, where = list[int](), diagnosis.problem.where
-        for leaf, columns in leaves_of(diagnosis.model):
-            if leaf.name in ("dK", "bias", "gamma"):
-                watched += columns[0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])].tolist()
-        watched = watched or list(range(diagnosis.model.nominal))
+        leader, cells, watched = predicted.posteriors[0], predicted.rows.cells, _watched(diagnosis)
         value = Value([leader], sharpenings(watched), np.zeros(1), np.inf)
         worst = model.names[watched[int(np.argmax(np.diag(leader.covariance)[watched]))]]
+        plan = replace(plan, purpose=SHARPEN, watched=worst)
         least = -np.log1p(-np.minimum([_LEAST_GAIN * len(one.angles_deg) for one in listed], _LEAST_TURN))
         # The share by which an uncertainty is reduced, from the decrease of its logarithm.
         singles, together = (
             [replace(one, value=-float(np.expm1(-one.value))) for one in chosen]
             for chosen in (
-                best_of(listed, rows.cells, value, LEAST_VALUE),
-                greedy(listed, rows.cells, value, least, settings),
+                best_of(listed, cells, value, LEAST_VALUE),
+                greedy(listed, cells, value, least, settings),
             )
         )
-        plan = replace(plan, purpose=SHARPEN, watched=worst, value=-float(np.expm1(-value.total)))
+        whole = -float(np.expm1(-value.total))
+    if any(cause.slot.all_columns for cause in diagnosis.members):
+        others = zip(predicted.posteriors[1:], alternatives, strict=True)
+        possible = [each for each, counts in zip(others, counted, strict=True) if counts]
+        strongest = (*possible, (predicted.rows.posterior((), model), ()))[0]
+        own = confirmations(listed, predicted.rows, settings, predicted.posteriors[0], *strongest)
+        plan = replace(plan, confirming=own)
     notes += [_NEW_MOUNT] if plan.from_rig and any(one.mount for one in together) else []
     best, chosen = (tuple([replace(one, purpose=plan.purpose) for one in each]) for each in (singles, together))
-    return replace(plan, singles=best, together=chosen, notes=tuple(notes))
+    return replace(plan, singles=best, together=chosen, value=whole, notes=tuple(notes), promise=promise)
 
 
 def _by_hand(diagnosis: Diagnosis) -> NextPlan:
@@ -198,3 +188,20 @@ def _by_hand(diagnosis: Diagnosis) -> NextPlan:
     )
     value = 1 - float(np.prod([1 - position.value for position in together]))
     return NextPlan(together=together, purpose=SHARPEN_WEAKEST, value=value, notes=(_SIDES_BY_HAND,))
+
+
+def _remounts(diagnosis: Diagnosis) -> bool:
+    """Whether the chain can describe the triad in a new mounting: by an exact mount with free angles for each mounting."""
+    mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
+    free = [leaf for leaf in parameters_of(tuple(mounts)) if leaf.name == "dtheta" and leaf.free]
+    one_mounting = not diagnosis.from_rig or len(set(diagnosis.data.mount or ("1",))) == 1
+    return len(mounts) == 1 and any(one_mounting if leaf.by is None else "mount" in leaf.by.split(".") for leaf in free)
+
+
+def _watched(diagnosis: Diagnosis) -> list[int]:
+    """Columns of the sensor parameters of new positions; all nominal ones if a rig fixes these."""
+    chosen, where = list[int](), diagnosis.problem.where
+    for leaf, columns in leaves_of(diagnosis.model):
+        if leaf.name in ("dK", "bias", "gamma"):
+            chosen += columns[0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])].tolist()
+    return chosen or list(range(diagnosis.model.nominal))

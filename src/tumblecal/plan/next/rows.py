@@ -4,7 +4,7 @@ New positions are evaluated in blocks of the shape of the data, so nothing is co
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -50,12 +50,13 @@ class Rows:
     own: int
     weight: Float[np.ndarray, " 3"]
 
-    def under(self, causes: Sequence[Cause], names: Sequence[str]) -> "Rows":
-        """Rows under an explanation with these causes. Outlier, exchanged or mislabelled positions do not count; a permanent
-        change of an axis applies to every new position. `names`: of the nominal parameters."""
+    def posterior(self, causes: Sequence[Cause], model: FullModel) -> Posterior:
+        """The posterior of an explanation with these causes: the nominal parameters, the coefficients of the causes, and what
+        only new groups or permanent changes have. Outlier, exchanged or mislabelled positions do not count; a permanent change
+        of an axis applies to every new position."""
         old, new = self.old.copy(), self.new
         old[[3 * position + axis for cause in causes for position in cause.positions for axis in range(3)]] = 0.0
-        leaves = np.array([name.partition("@")[0] for name in names])
+        leaves = np.array([name.partition("@")[0] for name in model.names])
         for cause in causes:
             for parameter in cause.lasting:
                 # After the change the readings respond to it as to the parameter.
@@ -64,16 +65,13 @@ class Rows:
                 response = old[: len(shown), columns].sum(axis=1) * shown
                 old = np.column_stack([old, np.pad(response, (0, len(old) - len(shown)))])
                 new = np.dstack([new, self.new[:, :, columns].sum(axis=2)])
-        more = old.shape[1] - len(self.prior)
-        return replace(self, old=old, new=new, prior=np.append(self.prior, np.zeros(more)), own=self.own + more)
-
-    def posterior(self, columns: Sequence[int]) -> Posterior:
-        """The posterior of some columns, and of those that only new groups or permanent changes have."""
-        chosen = [*columns, *range(len(self.prior) - self.own, len(self.prior))]
-        old = self.old[:, chosen]
-        information = old.T @ old
-        information += np.diag(np.maximum(self.prior[chosen], _NOTHING * np.max(np.diag(information))))
-        return Posterior(self.new[:, :, chosen], information, old.T @ self.shown, self.expected)
+        added = range(len(self.prior) - self.own, old.shape[1])
+        of_causes = (column for cause in causes for column in cause.slot.all_columns)
+        chosen, prior = [*range(model.nominal), *of_causes, *added], np.zeros(old.shape[1])
+        prior[: len(self.prior)] = self.prior
+        information = old[:, chosen].T @ old[:, chosen]
+        information += np.diag(np.maximum(prior[chosen], _NOTHING * np.max(np.diag(information))))
+        return Posterior(new[:, :, chosen], information, old[:, chosen].T @ self.shown, self.expected)
 
 
 def rows_of(diagnosis: Diagnosis, listed: Sequence[NextPosition], conditions: Conditions) -> Rows:

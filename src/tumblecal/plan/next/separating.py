@@ -10,7 +10,7 @@ from tumblecal.plan.next.competition import Competition, Predicted
 from tumblecal.plan.next.conditions import Conditions, candidates, continued
 from tumblecal.plan.next.posterior import separations
 from tumblecal.plan.next.promise import PROMISED, Promise, promise_of
-from tumblecal.plan.next.proposals import NextPosition, by_pitch
+from tumblecal.plan.next.proposals import NextPosition
 
 
 # A proposal that adds less than this to the log Bayes factor is omitted.
@@ -47,7 +47,7 @@ def separation(competition: Competition, predicted: Predicted, counted: Bool[np.
 def separate(
     competition: Competition, first: Predicted, listed: list[NextPosition], again: list[NextPosition]
 ) -> Separated | None:
-    """The positions that separate the explanations under the conditions of least effort; None if only one competes.
+    """The positions that separate the explanations under the conditions of least effort; None if none do.
 
     **Arguments:**
 
@@ -61,11 +61,22 @@ def separate(
     here = continued(data)
     for conditions in candidates(data, in_time="time_s" in needs, with_temperature="temperature_degc" in needs):
         predicted = first if conditions == here else competition.at(listed, conditions._replace(step_s=0.0))
-        separated = _measured(competition, _chosen(competition, listed, predicted), conditions, predicted)
+        every = np.arange(len(predicted.rows.new))[None]
+        (expected, _), *others = (known.predicted(every) for known in predicted.posteriors)
+        rests = [(expected[0] - mean[0], spread[0]) for mean, spread in others]
+        # Alternatives that even all proposals together would not separate from the leader do not count.
+        separable = np.array([0.5 * rest @ np.linalg.solve(spread, rest) >= 1.0 for rest, spread in rests])
+        value, least = separation(competition, predicted, separable), np.full(len(listed), LEAST_STEP)
+        chosen = greedy(listed, predicted.rows.cells, value, least, data.pitch_setting_deg) if np.any(separable) else []
+        if not chosen:
+            continue
+        separated = _measured(competition, chosen, conditions, predicted)
         if best is None or _better(separated.promise, best.promise):
             best = separated
         if best.promise.given_listed >= _SURE and not best.promise.remaining:
             return best
+    if not again:
+        return best
     reverse = replace(_measured(competition, again, here, first), in_reverse=True)
     return reverse if best is None or _better(reverse.promise, best.promise) else best
 
@@ -76,32 +87,15 @@ def _better(promise: Promise, than: Promise) -> bool:
     return rank > before or (rank == before and promise.given_listed > than.given_listed + 0.05)
 
 
-def _chosen(competition: Competition, listed: list[NextPosition], predicted: Predicted) -> list[NextPosition]:
-    """The proposals that separate the explanations, in the order in which they are measured, a position each."""
-    every = np.concatenate(predicted.rows.cells)[None]
-    (expected, _), *others = (known.predicted(every) for known in predicted.posteriors)
-    rests = [(expected[0] - mean[0], spread[0]) for mean, spread in others]
-    # Alternatives that even all proposals together would not separate from the leader do not count.
-    separable = np.array([0.5 * rest @ np.linalg.solve(spread, rest) >= 1.0 for rest, spread in rests])
-    value, least = separation(competition, predicted, separable), np.full(len(listed), LEAST_STEP)
-    settings = competition.diagnosis.data.pitch_setting_deg
-    chosen = greedy(listed, predicted.rows.cells, value, least, settings) if np.any(separable) else []
-    return [spot for proposal in by_pitch(chosen) for spot in proposal.each]
-
-
 def _measured(
     competition: Competition, ordered: list[NextPosition], conditions: Conditions, predicted: Predicted
 ) -> Separated:
     """Positions that are measured one after another: the value that each adds, and what they settle together."""
-    if not ordered:
-        nothing = Promise(0.0, 0.0, 1.0, (), competition.alternatives)
-        return Separated(conditions, predicted, [], nothing, np.ones(len(competition.alternatives), bool))
     in_order = competition.at(ordered, conditions)
     promise = promise_of(in_order.posteriors, competition)
     excluded = promise.excluded or competition.alternatives
     counted = np.array([labels in excluded for labels in competition.alternatives])
     value = separation(competition, in_order, counted)
     pairs = zip(ordered, in_order.rows.cells, strict=True)
-    return Separated(
-        conditions, predicted, [replace(one, value=value.take(cells)) for one, cells in pairs], promise, counted
-    )
+    valued = [replace(one, value=value.take(cells)) for one, cells in pairs]
+    return Separated(conditions, predicted, valued, promise, counted)
