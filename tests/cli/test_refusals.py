@@ -64,7 +64,9 @@ REFUSED: dict[str, tuple[str | bytes, str, str]] = {
     "effects: branches": (_effect("lambda u, w: u[1] if u[1][0] > 0 else 0"), _LISTED, "'my.x': Tracer"),
     "effects: shape": (_effect("lambda u, w: u[0][:2]"), _LISTED, "f.py:line 3: effect 'my.x': TypeError"),
     "effects: not a number": (_effect("lambda u, w: u[1] ** 0.5"), _LISTED, "it gives no finite value or derivative at alpha"),
-    "budget: few trials": (_budget('what = "x"', 'size = "1 deg"'), f"{_BUDGETED} --monte-carlo 3", "at least 100"),
+    "budget: few trials": (
+        _budget('what = "base_levelling"', 'size = "1 deg"'), f"{_BUDGETED} --monte-carlo 3", "at least 100",
+    ),
     "budget: two quantities": (_budget('what = "x"', 'adds_to = "bias"', 'size = "1 mg"'), _BUDGETED, "considered.a"),
     "budget: half a degree of freedom": (
         _budget('what = "gravity_value"', 'size = "1 ppm"', "dof = 0.1"), "budget good.csv f.toml", "considered.a.dof: ",

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from tumblecal.cli.commands import app
+from tumblecal.cli.read_model import read_model
 from tumblecal.data import write_positions
 from tumblecal.data.positions import joined_arguments
-from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
 
 
@@ -116,7 +116,7 @@ def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path,
     line = suggested("diagnose", *joined_arguments(["my data.csv", "next/positions.csv"]))
     assert parsed(words(line))["joining"].join
     write_positions(Path("positions.csv"), table1)
-    model = StatedModel.of(parsed(words(line))["model"])
-    own, new = model.read_each([Path("my data.csv"), Path("positions.csv")], together=True)
+    model = read_model(parsed(words(line))["model"])
+    own, new = (model.read(Path(name), one_of_several=True) for name in ("my data.csv", "positions.csv"))
     np.testing.assert_array_equal(own.readings, new.readings)
     assert own.names == new.names

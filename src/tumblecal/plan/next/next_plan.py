@@ -14,7 +14,7 @@ from tumblecal.chain.nominal import Mount
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.attitudes import next_attitudes
-from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.precision import single_blas_thread
 from tumblecal.plan.next.choosing import MOST, MOST_IN_SET, Value, best_of, greedy
 from tumblecal.plan.next.competition import competition
 from tumblecal.plan.next.conditions import Conditions, continued, temperature_notes
