@@ -1,5 +1,6 @@
 """What no entry explains: where it is, and the closed form that it has; errors added to numpy's instrument by their formula."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -31,7 +32,7 @@ class Instrument:
         left, singular, _ = np.linalg.svd(nominal)
         self.basis = left[:, np.sum(singular > 1e-9 * singular[0]) :]
         moved = [
-            blind.readings(SimpleNamespace(**{**vars(setup), name: getattr(setup, name) + 1e-6}), setup.nominal, {})
+            blind.readings(replace(setup, **{name: getattr(setup, name) + 1e-6}), setup.nominal, {})
             for name in ("alpha", "beta")
         ]
         self.head = np.stack([(own - plain) / 1e-6 for own in moved], axis=2)
