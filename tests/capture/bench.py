@@ -24,7 +24,7 @@ _EMULATE = (
     + """
 import sys
 from pathlib import Path
-from tumblecal.cli.emulate import emulate
+from tumblecal.cli.commands.emulate import emulate
 follow, chamber = (Path(name) if name else None for name in sys.argv[4:6])
 ledger = Path(sys.argv[2] + ".json")
 emulate(Path(sys.argv[1]), port=Path(sys.argv[2]), speed=float(sys.argv[3]), ledger=ledger, follow=follow, chamber=chamber)
@@ -41,7 +41,7 @@ if "QUESTIONS" in os.environ:
     contact.WAITS_S = tuple(map(float, os.environ["QUESTIONS"].split()))
 from tumblecal.cli.commands import app
 from tumblecal.ground.errors import InputError
-from tumblecal.cli.capture import capture
+from tumblecal.cli.commands.capture import capture
 from cyclopts import App
 app = App(result_action="return_value")
 app.default(capture)

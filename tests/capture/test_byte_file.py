@@ -71,7 +71,7 @@ def printed_and_peak_kb(code: str, *arguments: Path) -> tuple[str, int]:
 
 
 _DECODE = """from tumblecal.capture.decoding.samples import Stated
-from tumblecal.cli.decode import decode
+from tumblecal.cli.commands.decode import decode
 decode(Path(sys.argv[1]), protocol="stim300", stated=Stated(range_g=10.0), out=Path(sys.argv[2]))"""
 
 
@@ -94,7 +94,7 @@ def test_sniff_reads_the_beginning_only(tmp_path: Path) -> None:
     with (tmp_path / "a.bin").open("wb") as file:
         file.write(stim300(40_000))
         file.truncate(600 << 20)
-    code = "from tumblecal.cli.sniff import sniff\nsniff(sys.argv[1])"
+    code = "from tumblecal.cli.commands.sniff import sniff\nsniff(sys.argv[1])"
     printed, peak_kb = printed_and_peak_kb(code, tmp_path / "a.bin")
     assert peak_kb < 300_000
     assert "stim300: 100% of the bytes, 27594 samples" in printed

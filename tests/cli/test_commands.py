@@ -111,7 +111,7 @@ main()
     ("module", "number"),
     [
         ("cyclopts", signal.SIGTERM),
-        ("tumblecal.cli.simulate", signal.SIGINT),
+        ("tumblecal.cli.commands.simulate", signal.SIGINT),
         ("tumblecal.effects.catalogue", signal.SIGTERM),
     ],
 )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from device_formulas import FORMULAS, applied, numbers
-from tumblecal.cli.export import Format
+from tumblecal.cli.commands.export import Format
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.devices import TARGETS, Export, losses
 from tumblecal.ground.gravity import Gravity

@@ -10,11 +10,16 @@ import polars as pl
 import pytest
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.record import ResultRecord
 from tumblecal.studies.chunk import NotThisChunk, packed, statement, study_hash
 from tumblecal.studies.run import run
 from tumblecal.studies.store import Store
 from tumblecal.studies.study_tables import read_study
 from tumblecal.studies.verification import check_counts
+
+
+class SquaresResult(ResultRecord):
+    sum: float
 
 
 class Squares:
@@ -36,7 +41,7 @@ class Squares:
         return arrays["trials"]
 
     def summary(self, chunks):
-        return {"sum": float(sum(chunk["square"][0] for chunk in chunks))}, {"none": pl.DataFrame({"a": [0]})}
+        return SquaresResult(sum=float(sum(chunk["square"][0] for chunk in chunks))), {"none": pl.DataFrame({"a": [0]})}
 
 
 @pytest.fixture

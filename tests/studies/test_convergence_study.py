@@ -43,7 +43,7 @@ def test_batched_kalman_is_the_recursion(convergence):
 def test_convergence_statistics(convergence):
     result, frames = convergence.summary([convergence.compute(0)])
     errors = frames["errors"].filter(pl.col("parameter") == "dK_y")
-    rms = {m: errors.filter(pl.col("method") == m)["rms"].to_numpy() for m in result["methods"]}
+    rms = {m: errors.filter(pl.col("method") == m)["rms"].to_numpy() for m in result.methods}
     # sqrt(N) for the means, none for the single sets; 100 runs give the rms to 7 %, so 5 sd.
     assert rms["mean"][-1] == pytest.approx(rms["mean"][0] / np.sqrt(40), rel=0.5)
     assert rms["single"][-1] == pytest.approx(rms["single"][0], rel=0.5)
@@ -54,4 +54,4 @@ def test_convergence_statistics(convergence):
     nis = last.filter(pl.col("method") == "kalman, prior sd 0.01")["nis"].item()
     assert abs(nis - 27) < 5 * np.sqrt(2 * 27 / 100)
     exact = frames["needed"].filter((pl.col("method") == "exact") & (pl.col("threshold") == 1e-4))
-    assert exact["median"].max() <= 40 and result["settled"]["exact"]["1e-05"]["median_data_sets"] is None
+    assert exact["median"].max() <= 40 and result.settled["exact"]["1e-05"].median_data_sets is None

@@ -17,6 +17,7 @@ from tumblecal.chain.nominal import PITCH_ERROR, UNIT_OF_LEAF, unit_of_parameter
 from tumblecal.chain.parameter import Parameter
 from tumblecal.chain.where import Where
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.record import ResultRecord, TextOrNull, at
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml, toml_string
 from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import factor, shown
@@ -49,6 +50,16 @@ def pitch_names(leaf: Parameter, where: Where) -> tuple[str, ...]:
     """That name for every dbeta of a chain."""
     groups = np.asarray(where.index(leaf.by)) if leaf.by else np.zeros(len(np.asarray(where.beta)), int)
     return tuple(pitch_name(where.pitch_angle[groups == group][0]) for group in range(len(leaf.names)))
+
+
+class HeadRecord(ResultRecord):
+    """A `MeasuredHead` in the provenance of a calibration: the errors that its chain uses."""
+
+    file: TextOrNull = at("source")
+    sha256: TextOrNull
+    made_of: list[str]
+    parameters: list[str]
+    exact: bool
 
 
 @dataclass(frozen=True)
@@ -145,8 +156,7 @@ class MeasuredHead:
             of_setting = leaf.name == "dbeta" and leaf.free and known
             present |= {*(pitch_names(leaf, where) if of_setting else leaf.names)}
         used = [name for name in self.names if name in present]
-        file = {"file": self.source or None, "sha256": self.sha256 or None, "made_of": list(self.made_of)}
-        return {"head": {**file, "parameters": used, "exact": not known}} if used else {}
+        return {"head": HeadRecord.of(self, parameters=used, exact=not known).plain()} if used else {}
 
     def text(self) -> str:
         """The file's content."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import counted
+from tumblecal.ground.record import ResultRecord, by_name
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
 
@@ -31,14 +32,19 @@ class ProcessNoise:
     months: float | None
     source: str
 
-    def record(self) -> dict[str, Any]:
-        """For the provenance of an update."""
-        return {
-            "source": self.source,
-            "months": self.months,
-            "shift": dict(zip(SENSOR, self.shift.tolist(), strict=True)),
-            "sd": dict(zip(SENSOR, np.sqrt(self.variance).tolist(), strict=True)),
-        }
+    @property
+    def sd(self) -> Float[np.ndarray, "9"]:
+        """Standard deviations, base units."""
+        return np.sqrt(self.variance)
+
+
+class ProcessNoiseRecord(ResultRecord):
+    """`ProcessNoise` in the provenance of an update."""
+
+    source: str
+    months: float | None
+    shift: Annotated[dict[str, float], by_name(SENSOR)]
+    sd: Annotated[dict[str, float], by_name(SENSOR)]
 
 
 NONE = ProcessNoise(

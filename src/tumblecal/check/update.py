@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from tumblecal import __version__
 from tumblecal.check.consistency import Consistency, tested
-from tumblecal.check.drift import ProcessNoise
+from tumblecal.check.drift import ProcessNoise, ProcessNoiseRecord
 from tumblecal.check.expected import Expected
 from tumblecal.check.usual_changes import FACTORS, USUAL
 from tumblecal.data.calibration import Calibration
@@ -110,7 +110,11 @@ def updated(test: Consistency, process: ProcessNoise, freed: Collection[str], re
     # Joseph's form: symmetric and positive for any rounding.
     noise = np.eye(len(total)) + rows.slopes @ prior.common @ rows.slopes.T
     covariance = keep @ prior.covariance @ keep.T + gain @ noise @ gain.T
-    said = record | {"process_noise": process.record(), "freed": list(freed), "p_value": before.p_value}
+    said = record | {
+        "process_noise": ProcessNoiseRecord.of(process).plain(),
+        "freed": list(freed),
+        "p_value": before.p_value,
+    }
     calibration = _calibration(test.expected.calibration, state, covariance, freed, said)
     sensor = calibration.sensor.of(SENSOR)
     old = test.expected.calibration.sensor.of(SENSOR)

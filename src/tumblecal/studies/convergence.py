@@ -25,6 +25,7 @@ from tumblecal.simulation.experiment import problem_for, spread_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.noise_steps import noise_steps
 from tumblecal.simulation.uniform import required_path
+from tumblecal.studies.study_record import ConvergenceResult, SettledResult
 from tumblecal.studies.study_tables import ConvergenceTable, noise_of, rig_of_study, table_of
 
 
@@ -197,7 +198,7 @@ class Convergence:
         squares = white - jnp.sum(before * (2 * now - f * before), axis=0)
         return squares - jnp.sum(b**2 / (1 / sd**2 + count * f), axis=0)
 
-    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[ConvergenceResult, dict[str, pl.DataFrame]]:
         """Errors by number of data sets, and the distribution of the number needed.
 
         **Returns:** what goes into the JSON file, and tables by name.
@@ -212,7 +213,7 @@ class Convergence:
 
 def summary_of(
     study: Convergence, total: Mapping[str, np.ndarray], settled: np.ndarray
-) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+) -> tuple[ConvergenceResult, dict[str, pl.DataFrame]]:
     """Tables of a convergence study."""
     labels, names = [label for label, _, _ in study.methods], study.names
     steps, methods, free = total["error"].shape
@@ -247,25 +248,25 @@ def summary_of(
                 rows.append((label, threshold, name, low, middle, high, float(np.mean(never))))
     columns = ("method", "threshold", "parameter", "p10", "median", "p90", "never")
     needed = pl.DataFrame(rows, schema=list(columns), orient="row")
-    result = {
-        "runs": study.table.runs,
-        "data_sets": steps,
-        "methods": labels,
-        "sd_g": study.sd,
-        "noise": "white" if study.noise is None else "coloured",
-        "nees_expected": free,
-        "nis_expected": len(study.variance),
-        "settled": {
+    result = ConvergenceResult(
+        runs=study.table.runs,
+        data_sets=steps,
+        methods=labels,
+        sd_g=study.sd,
+        noise="white" if study.noise is None else "coloured",
+        nees_expected=free,
+        nis_expected=len(study.variance),
+        settled={
             label: {f"{threshold:g}": _worst(needed, label, threshold, steps) for threshold in study.table.thresholds}
             for label in labels
         },
-    }
+    )
     return result, {"errors": errors, "consistency": consistency, "needed": needed}
 
 
-def _worst(needed: pl.DataFrame, label: str, threshold: float, steps: int) -> dict[str, Any]:
+def _worst(needed: pl.DataFrame, label: str, threshold: float, steps: int) -> SettledResult:
     """The parameter that needs most data sets: its name and median, None where half of the runs never settle."""
     rows = needed.filter((pl.col("method") == label) & (pl.col("threshold") == threshold))
     row = rows.sort("median", "parameter").row(-1, named=True)
     median = row["median"]
-    return {"parameter": row["parameter"], "median_data_sets": int(median) if median <= steps else None}
+    return SettledResult(parameter=row["parameter"], median_data_sets=int(median) if median <= steps else None)

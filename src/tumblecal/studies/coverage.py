@@ -20,6 +20,7 @@ from tumblecal.simulation.coverage import CHUNK, coverage_table, total_of
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment
 from tumblecal.simulation.inject import injected_links
 from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, chunk_sums, sums_of
+from tumblecal.studies.study_record import CoverageResult
 from tumblecal.studies.study_tables import CoverageTable, entries_of, noise_of, rig_of_study, table_of
 
 
@@ -108,7 +109,7 @@ class Coverage:
     def _raw_sums(self, truth: jax.Array, noise: jax.Array, wanted: jax.Array) -> Sums:
         return sums_of(self.experiment.calibrated(truth, noise), self.experiment, wanted)
 
-    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[CoverageResult, dict[str, pl.DataFrame]]:
         """Statistics from all chunks, added in their order.
 
         **Returns:** what goes into the JSON file, and tables by name.
@@ -122,7 +123,7 @@ CHUNK_OVERHEAD = 400
 
 def summary_of(
     experiment: Experiment, chunks: Iterable[Mapping[str, np.ndarray]]
-) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+) -> tuple[CoverageResult, dict[str, pl.DataFrame]]:
     """Statistics of a coverage study from the sums of its chunks, added in their order."""
     sums = total_of(Sums(*(jnp.asarray(chunk[name]) for name in Sums._fields)) for chunk in chunks)
     n = float(sums.trials - sums.failed)
@@ -130,21 +131,21 @@ def summary_of(
     free, dof = len(experiment.names), experiment.dof
     counts = np.diff(np.concatenate([[0.0], sums.below, [n]]))
     uniform = float(np.sum((counts - n / CHI2_BINS) ** 2) / (n / CHI2_BINS))
-    result = {
-        "path": experiment.path,
-        "path_reason": experiment.reason,
-        "trials": int(sums.trials),
-        "failed": int(sums.failed),
-        "sd_g": experiment.sd,
-        "dof": dof,
-        "chi2_mean": float(sums.chi2) / n,
-        "chi2_variance": float(sums.chi2_squared) / n - (float(sums.chi2) / n) ** 2,
-        "chi2_uniformity_p": float(chdtrc(CHI2_BINS - 1, uniform)),
-        "chi2_histogram": (counts / n).tolist(),
-        "nees_mean": float(sums.nees) / n,
-        "nees_variance": float(sums.nees_squared) / n - (float(sums.nees) / n) ** 2,
-        "nees_expected": free,
-        "levels": list(LEVELS),
-        "correlation": (np.asarray(sums.products) / n - np.outer(z_mean, z_mean)).tolist(),
-    }
+    result = CoverageResult(
+        path=experiment.path,
+        path_reason=experiment.reason,
+        trials=int(sums.trials),
+        failed=int(sums.failed),
+        sd_g=experiment.sd,
+        dof=dof,
+        chi2_mean=float(sums.chi2) / n,
+        chi2_variance=float(sums.chi2_squared) / n - (float(sums.chi2) / n) ** 2,
+        chi2_uniformity_p=float(chdtrc(CHI2_BINS - 1, uniform)),
+        chi2_histogram=(counts / n).tolist(),
+        nees_mean=float(sums.nees) / n,
+        nees_variance=float(sums.nees_squared) / n - (float(sums.nees) / n) ** 2,
+        nees_expected=free,
+        levels=list(LEVELS),
+        correlation=(np.asarray(sums.products) / n - np.outer(z_mean, z_mean)).tolist(),
+    )
     return result, {"parameters": coverage_table(experiment, sums)}

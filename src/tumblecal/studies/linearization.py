@@ -25,6 +25,7 @@ from tumblecal.simulation.chain_fit import design, expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, problem_for
 from tumblecal.simulation.harmonic_fit import nominal_harmonics
 from tumblecal.simulation.uniform import required_path
+from tumblecal.studies.study_record import LinearizationResult
 from tumblecal.studies.study_tables import LinearizationTable, noise_of, rig_of_study, table_of
 
 
@@ -115,7 +116,9 @@ class Linearization:
             "count": jnp.sum(jnp.asarray(good, float), axis=1),
         }
 
-    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    def summary(
+        self, chunks: Iterable[Mapping[str, np.ndarray]]
+    ) -> tuple[LinearizationResult, dict[str, pl.DataFrame]]:
         """Bias by size, and the sizes at which it exceeds the sd of N data sets.
 
         **Returns:** what goes into the JSON file, and tables by name.
@@ -136,14 +139,14 @@ class Linearization:
         columns = ["case", "path", "size", "parameter", "mean_bias", "rms_bias", "largest_bias"]
         biases = pl.DataFrame(rows, schema=columns, orient="row")
         crossings, answers = self._crossings(rms)
-        result = {
-            "sd_g": self.sd,
-            "instruments": self.table.instruments,
-            "failed": int(failed),
-            "predicted_sd": dict(zip(self.names, self.predicted_sd.tolist(), strict=True)),
-            "slopes": self._slopes(rms),
-            "answers": answers,
-        }
+        result = LinearizationResult(
+            sd_g=self.sd,
+            instruments=self.table.instruments,
+            failed=int(failed),
+            predicted_sd=dict(zip(self.names, self.predicted_sd.tolist(), strict=True)),
+            slopes=self._slopes(rms),
+            answers=answers,
+        )
         return result, {"biases": biases, "crossings": crossings}
 
     def _crossings(self, rms: np.ndarray) -> tuple[pl.DataFrame, list[str]]:

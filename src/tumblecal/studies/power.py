@@ -21,6 +21,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.precision import single_blas_thread
 from tumblecal.simulation.experiment import spread_of, with_known_coefficients
 from tumblecal.simulation.inject import injected_links
+from tumblecal.studies.study_record import PowerResult, RateResult
 from tumblecal.studies.study_tables import PowerTable, entries_of, noise_of, rig_of_study, table_of
 
 
@@ -113,7 +114,7 @@ class Power:
         among = {id_of(label) for names in begun.screened.best.equivalents for label in names} | set(labels)
         return np.array([1.0, detected, detected and effect in among, detected and labels == (effect,), 0.0], float)
 
-    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[PowerResult, dict[str, pl.DataFrame]]:
         """Rates of detection and naming for each effect and size.
 
         **Returns:** what goes into the JSON file, and the table of rates.
@@ -128,7 +129,7 @@ class Power:
             rows.append((name, size, self.effect_units[name], int(runs), int(failed), *rates))
         columns = ["effect", "size", "unit", "runs", "failed", "detected", "named", "named_alone"]
         frame = pl.DataFrame(rows, schema=columns, orient="row")
-        return {"sd_g": self.sd, "rates": frame.to_dicts()}, {"rates": frame}
+        return PowerResult(sd_g=self.sd, rates=[RateResult(**row) for row in frame.to_dicts()]), {"rates": frame}
 
 
 def _readings_of(chain: Chain, where: Where, vector: jax.Array) -> jax.Array:

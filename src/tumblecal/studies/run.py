@@ -14,10 +14,12 @@ import numpy as np
 import polars as pl
 
 from tumblecal.ground.atomic import write_text, written_aside
+from tumblecal.ground.record import ResultRecord
 from tumblecal.ground.result_set import result_set
 from tumblecal.studies.chunk import packed, statement, study_hash
 from tumblecal.studies.injected_units import injected_units
 from tumblecal.studies.store import Store
+from tumblecal.studies.study_record import StudyHead
 from tumblecal.studies.verification import Distrusted, check_counts, recheck_workers
 
 
@@ -46,7 +48,7 @@ class Study(Protocol):
         """One chunk."""
         ...
 
-    def summary(self, chunks) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    def summary(self, chunks) -> tuple[ResultRecord, dict[str, pl.DataFrame]]:
         """The result from all chunks."""
         ...
 
@@ -154,20 +156,20 @@ def result_names(kind: str) -> tuple[str, ...]:
 
 
 def _written(
-    tables: Mapping[str, Any], folder: Path, result: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]
+    tables: Mapping[str, Any], folder: Path, result: ResultRecord, frames: Mapping[str, pl.DataFrame]
 ) -> dict[str, Any]:
     """Write the results; returns the content of the JSON file."""
     kind = tables["kind"]
-    content = {
-        "schema": f"tumblecal.study.{kind}/1",
-        "title": tables["study"].get("title", ""),
-        "study": tables["study"],
-        "rig": tables["rig"],
-        "units": injected_units(tables),
-        **result,
-    }
+    head = StudyHead(
+        schema_=f"tumblecal.study.{kind}/1",
+        title=tables["study"].get("title", ""),
+        study=tables["study"],
+        rig=tables["rig"],
+        units=injected_units(tables),
+    )
+    content = head.plain() | result.plain()
     for name, frame in frames.items():
         with written_aside(folder / f"{kind}_{name}.parquet") as aside:
             frame.write_parquet(aside)
-    write_text(folder / f"{kind}.json", json.dumps(content, indent=1, allow_nan=False, default=float))
+    write_text(folder / f"{kind}.json", json.dumps(content, indent=1, allow_nan=False))
     return content

@@ -19,6 +19,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import faults_of
 from tumblecal.ground.text_file import shown
 from tumblecal.studies.coverage import Coverage, summary_of
+from tumblecal.studies.study_record import PointResult, SweepResult
 from tumblecal.studies.study_tables import SweepTable, entries_of, noise_stated, table_faults, table_of
 
 
@@ -65,7 +66,7 @@ class Sweep:
         point, chunk_of_point = divmod(chunk, self._of_point)
         return self._coverage(point).compute(chunk_of_point)
 
-    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[SweepResult, dict[str, pl.DataFrame]]:
         """Statistics of all points.
 
         **Returns:** what goes into the JSON file, and one table with a row for each point and parameter.
@@ -74,13 +75,10 @@ class Sweep:
         for number, (values, _) in enumerate(self.points):
             coverage = self._coverage(number)
             result, tables = summary_of(coverage.experiment, itertools.islice(chunks, self._of_point))
-            points.append({"values": values, **{name: result[name] for name in _OF_RESULT}})
+            points.append(PointResult.of(result, values=values))
             values_of_point = [pl.lit(_shown(value)).alias(name) for name, value in values.items()]
             frames.append(tables["parameters"].select(pl.lit(number).alias("point"), *values_of_point, pl.all()))
-        return {"grid": self.grid, "points": points}, {"parameters": pl.concat(frames)}
-
-
-_OF_RESULT = ("path", "path_reason", "trials", "failed", "sd_g", "dof", "chi2_mean", "chi2_variance", "nees_mean")
+        return SweepResult(grid=self.grid, points=points), {"parameters": pl.concat(frames)}
 
 
 def _shown(value: object) -> str | float:

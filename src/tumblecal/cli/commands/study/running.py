@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from tumblecal.cli.commands.study.study_options import Running
 from tumblecal.cli.result_files import names_written
-from tumblecal.cli.study.study_options import Running
 from tumblecal.cli.terminal import print_folded, warn
 from tumblecal.ground.errors import InputError
 
@@ -28,7 +28,7 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
     start(accelerator=running.workers is None, one_thread=True)
     from rich.console import Console
 
-    from tumblecal.cli.study.computing import progress_bar, workers_of
+    from tumblecal.cli.commands.study.computing import progress_bar, workers_of
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.show.figures.drawing import write_each

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import partial
 
-from tumblecal.cli.study.study_options import Running
+from tumblecal.cli.commands.study.study_options import Running
 
 
 def workers_of(tables, running: Running):

@@ -16,4 +16,4 @@ KINDS = {
     "power": "Find how often effects of given sizes are detected and correctly identified.",
 }
 for _kind, _help in KINDS.items():
-    study.command(f"tumblecal.cli.study.kinds:{_kind}", name=_kind, help=_help)
+    study.command(f"tumblecal.cli.commands.study.kinds:{_kind}", name=_kind, help=_help)

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from tumblecal.cli.study.running import run_study
-from tumblecal.cli.study.study_options import Number, Running
+from tumblecal.cli.commands.study.running import run_study
+from tumblecal.cli.commands.study.study_options import Number, Running
 
 
 def coverage(
