@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, ConfigDict
 
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.record import ResultRecord, at
+from tumblecal.ground.record import Count, ResultRecord, at
 from tumblecal.noise.dwell_sd import batch_means_sd, white_sd
 from tumblecal.recordings.dwells.dwell_checks import DwellChecks
 
@@ -56,6 +56,48 @@ class PositionRecord(ResultRecord):
     batch_means_sd_g: Annotated[list[float], BeforeValidator(batch_means_sd)]
     white_noise_sd_g: Annotated[list[float], BeforeValidator(white_sd)]
     checks: DwellChecks
+
+
+class IntervalRecord(ResultRecord):
+    """An `Interval` at rest; `used`: whether it has no `reason` against it."""
+
+    start: int
+    stop: int
+    start_s: float
+    stop_s: float
+    mean: list[float]
+    knocks: list[tuple[int, int]]
+    reason: str
+    used: bool
+
+
+class StillRecord(ResultRecord):
+    """How the intervals of a `Stillness` were found: criterion, noise of a sample, steps of the readings."""
+
+    false_alarm: float = at("criterion.false_alarm")
+    least_s: float = at("criterion.least_s")
+    guard_s: float = at("criterion.guard_s")
+    noise: list[float]
+    dof: list[float]
+    coarse_steps: dict[str, float] = at("coarse")
+    joins: int
+    size_judged: bool
+
+
+class AtRestRecord(ResultRecord):
+    """A `Stillness`."""
+
+    still: StillRecord = at("result")
+    intervals: list[IntervalRecord]
+
+
+class MatchRecord(ResultRecord):
+    """A `PlanMatch`: positions without an interval, and with several; number of intervals that are no position."""
+
+    missing: list[str]
+    repeated: list[str]
+    surplus: Count
+    in_order: bool
 
 
 class ReductionRecord(ResultRecord):

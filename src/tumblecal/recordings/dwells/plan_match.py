@@ -1,7 +1,6 @@
 """Assignment of intervals at rest to positions of a plan, by the direction of gravity, in the plan's order or in any order."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -40,18 +39,21 @@ class PlanMatch:
         """Intervals that are not positions of the plan."""
         return np.flatnonzero(self.positions < 0).tolist()
 
-    def as_dict(self) -> dict[str, Any]:
-        """For a file: positions without an interval, and with several."""
-        counts = np.bincount(self.positions[self.positions >= 0], minlength=len(self.names))
-        missing, repeated = ([self.names[k] for k in np.flatnonzero(mask)] for mask in (counts == 0, counts > 1))
-        return {"missing": missing, "repeated": repeated, "surplus": len(self.surplus), "in_order": self.in_order}
+    @property
+    def missing(self) -> list[str]:
+        """Positions without an interval."""
+        return [name for k, name in enumerate(self.names) if not np.any(self.positions == k)]
+
+    @property
+    def repeated(self) -> list[str]:
+        """Positions with several intervals."""
+        return [name for k, name in enumerate(self.names) if np.sum(self.positions == k) > 1]
 
     def words(self) -> list[str]:
         """Missing and repeated positions, one line each."""
         lines = [] if self.in_order else ["the intervals are not in the plan's order: recognised only by direction"]
-        found = self.as_dict()
-        for words, key in (("missing", "missing"), ("measured again", "repeated")):
-            lines += [f"{words}: {', '.join(names)}"] if (names := found[key]) else []
+        for words, found in (("missing", self.missing), ("measured again", self.repeated)):
+            lines += [f"{words}: {', '.join(found)}"] if found else []
         return lines
 
 

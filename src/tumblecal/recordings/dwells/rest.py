@@ -19,6 +19,7 @@ from tumblecal.recordings.dwells.join import Joined
 from tumblecal.recordings.dwells.place import Place
 from tumblecal.recordings.dwells.plan_match import PlanMatch, matched
 from tumblecal.recordings.options import Criterion, KnownContext
+from tumblecal.recordings.reduction_record import AtRestRecord, MatchRecord
 from tumblecal.recordings.still.blocks import blocks_of, pieces_of
 from tumblecal.recordings.still.stillness import Stillness, still_intervals
 
@@ -94,7 +95,7 @@ def dwells_at_rest(
         warnings += [(str(path), [words]) for k, path in enumerate(paths) if k not in having]
     if plan is not None and not (hand_held or files_known):
         stillness, placed, match = _placed_by_plan(source, stillness, plan, to_g)
-        lines, entries["plan"] = match.words(), match.as_dict()
+        lines, entries["plan"] = match.words(), MatchRecord.of(match).plain()
         if places is not None:
             files = [paths[number[one.start]] for one in stillness.used]
             _require_separable(plan, match, files)
@@ -118,7 +119,7 @@ def dwells_at_rest(
             "clock": tuple(str(number[one.start] + 1) for one in used),
         },
         recording=joined.identifier,
-        entries=entries | {"source": str(source)} | stillness.as_dict(),
+        entries=entries | {"source": str(source)} | AtRestRecord.of(stillness).plain(),
         warnings=tuple(warnings),
         lines=tuple(lines),
         stillness=stillness,

@@ -4,8 +4,7 @@ No check assumes a sensor without bias. Sizes are relative to the rough ellipsoi
 are too few intervals to determine it.
 """
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,10 +29,10 @@ class Interval:
     knocks: tuple[tuple[int, int], ...] = ()
     reason: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
-        """The interval as keys and values of a file."""
-        record = asdict(self) | {"mean": self.mean.tolist(), "knocks": [list(pair) for pair in self.knocks]}
-        return record | {"used": not self.reason}
+    @property
+    def used(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.reason
 
 
 # The size of readings at rest, after the rough bias, is gravity within this share.

@@ -1,9 +1,8 @@
 """The intervals at rest of a recording: runs of still windows, joined over knocks, and reasons against other intervals."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -50,14 +49,7 @@ class Stillness:
     @property
     def used(self) -> list[Interval]:
         """The used intervals."""
-        return [interval for interval in self.intervals if not interval.reason]
-
-    def as_dict(self) -> dict[str, Any]:
-        """The intervals as keys and values of a file."""
-        noise = {"noise": self.noise.tolist(), "dof": self.dof.tolist(), "coarse_steps": self.coarse}
-        judged = {"joins": self.joins, "size_judged": self.size_judged}
-        intervals = [interval.as_dict() for interval in self.intervals]
-        return {"still": asdict(self.criterion) | noise | judged, "intervals": intervals}
+        return [interval for interval in self.intervals if interval.used]
 
     def rejecting(self, reasons: Mapping[int, str]) -> "Stillness":
         """This result with reasons against some of the used intervals, by their first row."""
