@@ -8,6 +8,7 @@ from tumblecal import InputError
 from tumblecal.cli.model_options import ModelOptions
 from tumblecal.cli.read_model import read_model
 from tumblecal.data import read_positions
+from tumblecal.data.files import stated
 from tumblecal.data.raw import opened_raw, read_raw
 from tumblecal.recordings.damage import Damage
 from tumblecal.recordings.formats import tables_of
@@ -104,3 +105,8 @@ def test_a_column_that_is_not_needed_is_ignored_and_a_near_miss_is_warned_of(tum
     ]
     cure = f"did you mean {meant}? Rename it, or give --columns {meant}={name}"
     assert said == ([f"WARNING: {path}: column {name} is not used; {cure}"] if meant else [])
+
+
+def test_a_comment_states_a_value_by_one_word_and_a_colon():
+    lines = ["# serial_number: U17", "# seen by: Ann", "# a note", '"# temperature: 20 degC"']
+    assert stated(lines) == {"serial_number": "U17", "temperature": "20 degC"}

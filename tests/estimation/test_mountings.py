@@ -10,7 +10,7 @@ from tumblecal.chain.nominal import Mount
 from tumblecal.data.joined import joined
 from tumblecal.estimation import default_chain, exact, problem_of
 from tumblecal.estimation.joined_files import with_distinct_mounts
-from tumblecal.estimation.mountings import quarter_turns, turned_mountings
+from tumblecal.estimation.mountings import quarter_turns, turn_of, turned_mountings
 from tumblecal.ground.errors import InputError
 
 
@@ -22,6 +22,7 @@ Z90, Y90, X90 = (0.0, 0.0, 90.0), (0.0, 90.0, 0.0), (90.0, 0.0, 0.0)
 @pytest.mark.parametrize("turn", TURNS[1:], ids=str)
 def test_every_turn_is_recognised(turn):
     seed = TURNS.index(turn)
+    assert turn_of(quarter_turns()[seed].matrix) == turn and turn_of(np.diag([1.0, 1.0, -1.0])) is None
     data, *_ = two(seed, NONE, turn)
     assert turned_mountings(data) == {"A": NONE, "B": turn}
     other = Z90 if turn == Y90 else Y90
@@ -50,6 +51,8 @@ def test_small_mounts_are_left_as_they_are(seed):
     for own in (data, replace(data, readings=swapped), replace(data, mount=None, run=data.mount)):
         assert turned_mountings(own) == {}
         assert with_distinct_mounts([own, own])[1] is own
+    mirrored = replace(data, readings=data.readings * [-1, 1, 1])
+    assert {*(with_distinct_mounts([data, mirrored])[1].mount or ())}.isdisjoint({"A", "B"})
     (mount,) = (link for link in default_chain(data).links if isinstance(link, Mount))
     assert mount.nominal is None
 
