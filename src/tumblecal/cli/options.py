@@ -32,7 +32,7 @@ Count = Annotated[int, within(gte=1)]
 Positive = Annotated[float, within(gt=0, lt=math.inf)]
 Probability = Annotated[float, within(gt=0, lt=1)]
 
-# With this option `commands.run` discards what a command prints to stdout.
+# With this option `cli.run.run` discards what a command prints to stdout.
 Quiet = Annotated[bool, Parameter(name=("--quiet", "-q"), help="No output except warnings and errors.")]
 RigFile = Annotated[
     Path | None,

@@ -210,10 +210,8 @@ class Uncertainties:
 
 def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility) -> Uncertainties:
     """The standard uncertainties that an exact fit of a schedule states, settings set again and slow noise included."""
-    model, slow = (
-        scheduled_model(responses, schedule),
-        slow_covariance(ability.slow_noise, ability.times, schedule.start_s),
-    )
+    model = scheduled_model(responses, schedule)
+    slow = slow_covariance(ability.slow_noise, ability.times, schedule.start_s)
     whole = covariance_of(model.with_all(slow[0] / responses.sd**2))
     covariance = whole[: len(model.names), : len(model.names)]
     lost = np.isin(model.names, model.unbounded(covariance))

@@ -33,8 +33,6 @@ from tumblecal.effects import AXES
 
 # A share of the largest variance that is no more than rounding.
 _ROUNDING = 1e-13
-# Plans whose covariances over the positions are remembered: of a thousand positions each needs 8 MB.
-_FEW_PLANS = 4
 # Numbers of the covariances whose components are computed together.
 _NUMBERS_AT_ONCE = 2_000_000
 

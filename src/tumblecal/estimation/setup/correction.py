@@ -73,10 +73,8 @@ def _conditions(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
     temperature, time = data.temperature_degc, data.time_s
     if temperature is not None and are_kelvin(temperature):
         words = f"the temperatures, {np.min(temperature):.4g} to {np.max(temperature):.4g}, are in kelvin"
-        data, errors = (
-            replace(data, temperature_degc=temperature - _ICE_POINT_K),
-            [SetupError("temperature_unit", words)],
-        )
+        data = replace(data, temperature_degc=temperature - _ICE_POINT_K)
+        errors.append(SetupError("temperature_unit", words))
     if time is not None and (parts := _restarted(time)):
         firsts = np.cumsum([len(part) for part in parts])[:-1]
         part = np.searchsorted(firsts, np.arange(len(time)), side="right")

@@ -28,8 +28,6 @@ _FEWEST_STUCK = 3
 _BEYOND_G = 0.02
 # Equal readings at the end of a range with a smaller probability than this are clipped.
 _IMPROBABLE = 1e-5
-
-
 # Readings of at least this share of the largest are at the end of the range.
 _END = 0.98
 _MOST_DECIMALS = 9
