@@ -41,7 +41,7 @@ _HIDE, _SHOW = str.maketrans(_HIDDEN), str.maketrans({hidden: mark for mark, hid
 _BLOCK, _CELL = "## ", re.compile(r" \|(?= |$)")
 
 
-def blocks_of(name: str, **values: object) -> Blocks:
+def blocks_of(name: str, /, **values: object) -> Blocks:
     """The name and the entries, as cells, of each block of `NAME.words`.
 
     **Raises:** `UndefinedError` for a value that is missing.
@@ -49,12 +49,12 @@ def blocks_of(name: str, **values: object) -> Blocks:
     return _blocks(_environment().get_template(f"{name}.words").render(values))
 
 
-def text_of(template: str, **values: object) -> str:
+def text_of(template: str, /, **values: object) -> str:
     """A text with its lines as they are in a template: `words/TEMPLATE`; `values` as for `blocks_of`."""
     return f"{_environment().get_template(template).render(values).translate(_SHOW)}\n"
 
 
-def sentences(name: str, **values: object) -> list[str]:
+def sentences(name: str, /, **values: object) -> list[str]:
     """The entries of one block of a file of shared sentences.
 
     **Arguments:**
@@ -71,7 +71,7 @@ def sentences(name: str, **values: object) -> list[str]:
     return [cells[0] for cells in entries]
 
 
-def sentence(name: str, **values: object) -> str:
+def sentence(name: str, /, **values: object) -> str:
     """The entries of a block, as of `sentences`, in one line."""
     return " ".join(sentences(name, **values))
 
