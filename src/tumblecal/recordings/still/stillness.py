@@ -20,7 +20,9 @@ _KNOCK_BLOCKS, _NEAR_KNOCK = 3, 3
 # A jump is at least this many times the median step in the rest of its run, since the tremble of hands differs.
 _STEPS_OF_RUN = 8.0
 _LEAST_FOR_LISTING = 0.3
-_ONE_ATTITUDE_DEG = 10.0
+# Means that differ by less than this have one attitude: the change of gravity in a turn by 10 degrees. Biases do not affect
+# this difference, and changes of bias and scale factor with temperature are smaller.
+ONE_ATTITUDE_G = 2 * float(np.sin(np.radians(10.0) / 2))
 # Parts (first block, block after the last) of an interval; the blocks between them are knocks.
 _Parts = list[tuple[int, int]]
 
@@ -60,7 +62,7 @@ class Stillness:
     def one_attitude(self) -> bool:
         """Whether all of them have about the same attitude, by the differences of their means, which no bias affects."""
         means = np.array([interval.mean for interval in self.used])
-        far = 2 * np.sin(np.radians(_ONE_ATTITUDE_DEG) / 2) / unit_in_g(self.blocks.unit, STANDARD)
+        far = ONE_ATTITUDE_G / unit_in_g(self.blocks.unit, STANDARD)
         return bool((np.linalg.norm(means - means[0], axis=1) < far).all())
 
     @property

@@ -14,11 +14,11 @@ from tumblecal.capture.journal import JOURNAL_NAME
 from tumblecal.data.files import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soak_numbers
+from tumblecal.recordings.dwells.rest import grouped
 from tumblecal.recordings.options import KnownContext, RecordingOptions
 from tumblecal.recordings.own_tables import are_samples, own_columns, with_context
 from tumblecal.recordings.reduce import reduced
-from tumblecal.recordings.thermal.attitudes import grouped
-from tumblecal.recordings.thermal.branches import branches, stretches_of_temperature
+from tumblecal.recordings.thermal.temperature import branches, stretches_of_temperature
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
 
 
@@ -37,11 +37,10 @@ def positions_of(
 
     **Raises:** `InputError` for positions without temperatures, with impossible ones, or without standard deviations.
     """
-    names = own_columns(path)
-    if (path / JOURNAL_NAME).is_file():
-        data = reduced([path]).data
-    elif context.means and (options != RecordingOptions() or "position" not in names):
-        data = reduced([path], replace(context, table=None), options).data
+    names, captured = own_columns(path), (path / JOURNAL_NAME).is_file()
+    if captured or (context.means and (options != RecordingOptions() or "position" not in names)):
+        given = () if captured else (replace(context, table=None), options)
+        data = reduced([path], *given).data
     elif context.means or ("alpha_deg" in names and (noise_sd is not None or names & _OF_MEANS)):
         data = read_positions(path)
         if are_samples(data) and not context.means:
@@ -95,6 +94,5 @@ def with_branches(table: ThermalTable, bin_degc: float) -> ThermalTable:
             elif len(run) > 2 and (np.diff(at) > 0).all():
                 rate[run] = np.gradient(warmth, at)
         found = branches(*stretches_of_temperature(degc, bin_degc), soak)
-        rows = rows.hstack(found).with_columns(branch=pl.format("{}:{}", "run", "branch"), rate_degc_per_s=rate)
-        parts.append(rows)
+        parts.append(rows.hstack(found).with_columns(branch=pl.format("{}:{}", "run", "branch"), rate_degc_per_s=rate))
     return replace(table, frame=pl.concat(parts))
