@@ -9,11 +9,11 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.position_comments import MEASURED
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import counted
-from tumblecal.recordings.dwells.rest import grouped
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.own_tables import with_context
 from tumblecal.recordings.reduce import positions_or_rest
 from tumblecal.recordings.reduction import Reduction
+from tumblecal.recordings.still.rough_sensor import grouped
 
 
 # Fewer directions need a log of at least this length, s.

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.column_names import FORCE, RATE
@@ -22,7 +21,8 @@ from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.reduction_record import AtRestRecord, MatchRecord
 from tumblecal.recordings.still.blocks import blocks_of, pieces_of
 from tumblecal.recordings.still.intervals import Interval
-from tumblecal.recordings.still.stillness import ONE_ATTITUDE_G, Stillness, still_intervals
+from tumblecal.recordings.still.rough_sensor import ONE_ATTITUDE_G, grouped
+from tumblecal.recordings.still.stillness import Stillness, still_intervals
 
 
 # Median of chi-squared with one degree of freedom.
@@ -186,18 +186,6 @@ def _require_rest(source: Path, stillness: Stillness, to_g: float) -> None:
         why = f"in no second do the accelerations scatter by less than {noise_mg:.2g} mg, or no rest lasts"
     fault = f"{source}: no interval at rest of {least_s:g} s (--least-s) can be used: {why}"
     raise NothingStill(fault, stillness if searched else None)
-
-
-def grouped(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], list[NDArray[np.float64]]]:
-    """Groups of readings (rows, 3) in g that differ by less than `ONE_ATTITUDE_G` from the first of their group."""
-    index, firsts = np.zeros(len(means), int), list[NDArray[np.float64]]()
-    for row, mean in enumerate(means):
-        far = [float(np.linalg.norm(mean - first)) for first in firsts]
-        if min(far, default=np.inf) > ONE_ATTITUDE_G:
-            firsts.append(mean)
-            far.append(0.0)
-        index[row] = np.argmin(far)
-    return index, firsts
 
 
 def _matched(source: Path, stillness: Stillness, known: Known, to_g: float) -> tuple[Stillness, PlanMatch]:

@@ -9,14 +9,29 @@ from numpy.typing import NDArray
 from tumblecal.capture.decoding.samples import Floats
 
 
-# Fewest attitudes for the six parameters of an ellipsoid and a test of it; attitudes closer than this (g) are equal.
-_FEWEST, _SAME_G = 9, 0.17
+# Readings that differ by less than this have one attitude: the change of gravity in a turn by 10 degrees. Biases do not affect
+# this difference, and changes of bias and scale factor with temperature are smaller.
+ONE_ATTITUDE_G = 2 * float(np.sin(np.radians(10.0) / 2))
+# Fewest attitudes for the six parameters of an ellipsoid and a test of it.
+_FEWEST = 9
 # Number of random subsets of six: with one third false intervals, all 400 have a false one with probability 1e-16.
 _SUBSETS = 400
 # Readings this close to an ellipsoid (relative to its radius) are on it: non-orthogonal axes and nonlinearity distort it.
 _NEAR = 0.08
 # Largest plausible bias of a triad (g), and largest ratio of its scales.
 _LARGEST_BIAS, _LARGEST_RATIO = 0.9, 1.35
+
+
+def grouped(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], list[NDArray[np.float64]]]:
+    """Groups of readings (rows, 3) in g that differ by less than `ONE_ATTITUDE_G` from the first of their group."""
+    index, firsts = np.zeros(len(means), int), list[NDArray[np.float64]]()
+    for row, mean in enumerate(means):
+        far = [float(np.linalg.norm(mean - first)) for first in firsts]
+        if min(far, default=np.inf) > ONE_ATTITUDE_G:
+            firsts.append(mean)
+            far.append(0.0)
+        index[row] = np.argmin(far)
+    return index, firsts
 
 
 def sizes_in_g(readings: Floats, used: NDArray[np.bool_]) -> Floats | None:
@@ -38,11 +53,7 @@ def sizes_in_g(readings: Floats, used: NDArray[np.bool_]) -> Floats | None:
     if not size:
         return None
     scaled, zero = (known - middle) / size, -middle / size
-    attitudes = list[Floats]()
-    for reading in scaled:
-        if all(np.linalg.norm(reading - other) > _SAME_G for other in attitudes):
-            attitudes.append(reading)
-    if len(attitudes) < _FEWEST:
+    if len(grouped(scaled)[1]) < _FEWEST:
         return None
     design = np.hstack([scaled**2, scaled])
     rng = np.random.default_rng(0)

@@ -12,6 +12,7 @@ from tumblecal.ground.gravity import STANDARD, unit_in_g
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.intervals import Interval, judged
+from tumblecal.recordings.still.rough_sensor import ONE_ATTITUDE_G
 from tumblecal.recordings.still.windows import ALLOWANCES, windows_of
 
 
@@ -20,9 +21,6 @@ _KNOCK_BLOCKS, _NEAR_KNOCK = 3, 3
 # A jump is at least this many times the median step in the rest of its run, since the tremble of hands differs.
 _STEPS_OF_RUN = 8.0
 _LEAST_FOR_LISTING = 0.3
-# Means that differ by less than this have one attitude: the change of gravity in a turn by 10 degrees. Biases do not affect
-# this difference, and changes of bias and scale factor with temperature are smaller.
-ONE_ATTITUDE_G = 2 * float(np.sin(np.radians(10.0) / 2))
 # Parts (first block, block after the last) of an interval; the blocks between them are knocks.
 _Parts = list[tuple[int, int]]
 
@@ -99,7 +97,7 @@ def still_intervals(blocks: SignalBlocks, criterion: Criterion = Criterion()) ->
     moving = len(blocks) - sum(stop - start for run in runs for start, stop in run) > length
     intervals = [_interval(run, blocks, criterion, moving=moving) for run in runs]
     intervals = [interval for interval in intervals if interval.stop_s - interval.start_s > _LEAST_FOR_LISTING]
-    intervals, size_judged = judged(intervals, blocks, noise, length // 2)
+    intervals, size_judged = judged(intervals, blocks, noise)
     joins = sum(blocks.broken[run[0][0]] or run[0][0] == before[-1][1] for before, run in pairwise(runs))
     return Stillness(criterion, intervals, noise, windows.limits.dof, blocks, int(joins), size_judged)
 

@@ -14,10 +14,10 @@ from tumblecal.capture.journal import JOURNAL_NAME
 from tumblecal.data.files import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soak_numbers
-from tumblecal.recordings.dwells.rest import grouped
 from tumblecal.recordings.options import KnownContext, RecordingOptions
 from tumblecal.recordings.own_tables import are_samples, own_columns, with_context
 from tumblecal.recordings.reduce import reduced
+from tumblecal.recordings.still.rough_sensor import grouped
 from tumblecal.recordings.thermal.temperature import branches, stretches_of_temperature
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
 

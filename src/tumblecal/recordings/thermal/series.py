@@ -17,13 +17,13 @@ from tumblecal.ground.numbers_shown import shortened
 from tumblecal.recordings.clock import LONGEST_STEP_S
 from tumblecal.recordings.dwells.join import joined
 from tumblecal.recordings.dwells.places import ANGLES, FilePlaces, Known, Place, label_of_rows
-from tumblecal.recordings.dwells.rest import AtRest, at_rest, grouped
+from tumblecal.recordings.dwells.rest import AtRest, at_rest
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, RecordingOptions
 from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.intervals import blocks_of_interval
-from tumblecal.recordings.still.stillness import ONE_ATTITUDE_G
+from tumblecal.recordings.still.rough_sensor import ONE_ATTITUDE_G, grouped
 from tumblecal.recordings.thermal.temperature import (
     RATE,
     TEMPERATURE,
