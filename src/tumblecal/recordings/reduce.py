@@ -61,13 +61,13 @@ def positions_or_rest(
     **Raises:** as `reduced`.
     """
     path, named = files[0], context.plan or context.by or context.table
-    if len(files) == 1 and not (context.static or named) and (data := _position_file(path, context, options)):
+    if len(files) == 1 and not (context.static or named) and (data := position_file(path, context, options)):
         return Reduction(data, DwellSamples(data, files=(path,)))
     unstated = not (named or context.means or (path / JOURNAL_NAME).is_file())
     return reduced(files, replace(context, static=context.static or unstated, run="", mount=""), options, criterion)
 
 
-def _position_file(path: Path, context: KnownContext, options: RecordingOptions) -> PositionSet | None:
+def position_file(path: Path, context: KnownContext, options: RecordingOptions) -> PositionSet | None:
     """The positions of a table with angles; None for other files, and for tables of samples."""
     if "alpha_deg" not in own_columns(path) or (context.means and options != RecordingOptions(gravity=options.gravity)):
         return None

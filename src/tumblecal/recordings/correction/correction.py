@@ -1,14 +1,13 @@
 """Correction of readings of any source by a calibration, written in pieces with constant memory."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float
 
 from tumblecal.capture.decoding.sample_table import write_frames
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.position_comments import serial_number_of
 from tumblecal.data.raw import CORRECTED_BY, Raw
@@ -29,9 +28,20 @@ TEMPERATURE = "temperature_degc"
 _WARMER_DEGC = 1.0
 
 
-@dataclass(frozen=True)
-class Correction:
-    """A calibration for the correction of readings.
+def write_corrected(
+    out: Path,
+    source: Uncorrected,
+    calibration: Calibration,
+    path: Path,
+    local: Gravity | None = None,
+    *,
+    other_unit: bool = False,
+    extrapolate: bool = False,
+) -> tuple[ReadingChecks, OutsideRange | None, Gravity | None]:
+    """Write a source with its readings replaced by corrected ones.
+
+    A table retains all other columns. Its corrected readings are named `ax_g, ay_g, az_g` (or `_mg`, `_ms2`). For other
+    recordings the sample table is written.
 
     **Arguments:**
 
@@ -39,22 +49,6 @@ class Correction:
       place.
     - `other_unit`: correct readings of another serial number. `extrapolate`: correct readings at temperatures outside the
       measured range of the calibration's curves of temperature.
-    """
-
-    calibration: Calibration
-    path: Path
-    local: Gravity | None = None
-    other_unit: bool = False
-    extrapolate: bool = False
-
-
-def write_corrected(
-    out: Path, source: Uncorrected, correction: Correction
-) -> tuple[ReadingChecks, OutsideRange | None, Gravity | None]:
-    """Write a source with its readings replaced by corrected ones.
-
-    A table retains all other columns. Its corrected readings are named `ax_g, ay_g, az_g` (or `_mg`, `_ms2`). For other
-    recordings the sample table is written.
 
     **Returns:** counts of the checks, those of extrapolated rows (None without curves of temperature), and one g in m/s^2 for
     readings in m/s^2 (None for others).
@@ -62,11 +56,12 @@ def write_corrected(
     **Raises:** `InputError` if rows cannot be corrected, are at temperatures outside the curves of temperature and
     `extrapolate` is not set, or are from a different unit; nothing is written then.
     """
-    calibration, header = correction.calibration, source.header.in_g_of(correction.calibration.gravity)
-    local = None if header.in_ms2 else correction.local
+    header = source.header.in_g_of(calibration.gravity)
+    local = None if header.in_ms2 else local
     renamed = dict(zip(source.names or header.columns, header.columns, strict=True))
     types = {**(source.schema or header.frame.schema), **dict.fromkeys(renamed, pl.Float64)}
-    _check(correction, header, renamed, types)
+    calibration.require_unit(path, str(header.path), serial_number_of(header.comments), other=other_unit)
+    _check(calibration, path, header, renamed, types)
     # One unit of the written columns, in g of the calibration: that of the readings or, for columns in g, that of `local`.
     unit_g = header.to_g
     if local and calibration.gravity:
@@ -74,7 +69,7 @@ def write_corrected(
     checks = ReadingChecks(header.columns, header.row_word, *_temperatures(calibration))
     outside = OutsideRange(calibration.temperature, header.row_word) if calibration.temperature else None
 
-    def corrected(frame: pl.DataFrame) -> Float[np.ndarray, "rows 3"]:
+    def corrected(frame: pl.DataFrame) -> Floats:
         piece = header.with_rows(frame, checks.rows)
         checks.add(piece.readings, piece.row_numbers)
         inputs = {name: piece.numbers(name) for name in calibration.columns_needed}
@@ -82,7 +77,7 @@ def write_corrected(
             checks.add_temperatures(inputs.get(TEMPERATURE, piece.numbers_if_any(TEMPERATURE)), piece.row_numbers)
         if outside is not None:
             outside.add(inputs[TEMPERATURE], piece.row_numbers)
-            if not correction.extrapolate:
+            if not extrapolate:
                 # Rows outside cause an error after the last one, with their number.
                 inputs[TEMPERATURE] = np.clip(inputs[TEMPERATURE], *outside.curves.range_degc)
         return calibration.corrected(piece.readings, **inputs, extrapolate=True) / unit_g
@@ -98,13 +93,13 @@ def write_corrected(
             if header.layout is not None and header.layout.separator != ",":
                 columns = columns.with_columns(pl.col(pl.String).str.replace(DECIMAL_COMMA, "$1.$2"))
             yield columns.with_columns(force).rename(renamed)
-        if outside is not None and not correction.extrapolate:
-            outside.require_none(header.path, correction.path)
+        if outside is not None and not extrapolate:
+            outside.require_none(header.path, path)
 
     schema = pl.Schema({renamed.get(name, name): kind for name, kind in types.items()})
     replaced = (VALUE_KEY, SOURCE_KEY) if local else ()
     comments = {key: value for key, value in header.comments.items() if key not in replaced}
-    comments |= (comments_of(local) if local else {}) | {CORRECTED_BY: one_line(str(correction.path))}
+    comments |= (comments_of(local) if local else {}) | {CORRECTED_BY: one_line(str(path))}
     comments |= {LEFT_OUT: source.left_out} if source.left_out else {}
     write_frames(out, tables(), schema, comments)
     return checks, outside, (header.gravity or STANDARD) if header.in_ms2 else None
@@ -123,13 +118,11 @@ def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
     return calibration.provenance.get("temperature_range_degc") or () if counts else (), _WARMER_DEGC
 
 
-def _check(correction: Correction, header: Raw, renamed: dict[str, str], types: dict) -> None:
-    """Check that the calibration is of this unit, that the source has its inputs, and that names of columns remain unique.
+def _check(calibration: Calibration, path: Path, header: Raw, renamed: dict[str, str], types: dict) -> None:
+    """Check that the source has the inputs of the calibration, and that names of columns remain unique.
 
     **Raises:** `InputError`.
     """
-    calibration, path = correction.calibration, correction.path
-    calibration.require_unit(path, str(header.path), serial_number_of(header.comments), other=correction.other_unit)
     for name in calibration.columns_needed:
         if name not in header.frame.columns:
             kind = {TEMPERATURE: "temperature", "time_s": "drift"}[name]

@@ -230,7 +230,7 @@ def _samples_at_rest(samples: Path, found: AtRest) -> tuple[list[Floats], list[F
         for start, stop in interval.knocks:
             good[start:stop] = False
     good[stillness.blocks.outliers] = False
-    rows = np.concatenate([table[good[first : first + len(table)]] for first, table in pieces_of(samples, columns)])
+    rows = np.concatenate([table[good[piece]] for piece, _, table in pieces_of(samples, columns)])
     counts = [int(good[interval.start : interval.stop].sum()) for interval in stillness.used]
     whole = np.split(rows, np.cumsum(counts)[:-1])
     temperatures = [part[:, 3] for part in whole] if len(columns) > 3 else None

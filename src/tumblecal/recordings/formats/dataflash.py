@@ -59,10 +59,10 @@ def _read(source: Source) -> list[Table]:
     if not found:
         there = ", ".join(name for name, _ in messages) or "none"
         raise InputError(f"{source.path}: no message has AccX, AccY, AccZ; it has {there}. Set LOG_BITMASK to log IMU")
-    return [table for name, frame in found for table in _tables(name, frame, enabled)]
+    return [table for name, frame in found for table in _tables(name, frame, enabled, "message" if binary else "line")]
 
 
-def _tables(name: str, frame: pl.DataFrame, enabled: set[int]) -> Iterator[Table]:
+def _tables(name: str, frame: pl.DataFrame, enabled: set[int], row_word: str) -> Iterator[Table]:
     """A table for each instance of a sensor, `IMU/1`; one table for older logs, with a name for each instance."""
     times = [one for one in _TIMES if one in frame.columns and (frame[one] != 0).any()][:1]
     roles = {one: role for one, role in (_TIMES | _ROLES).items() if one in (*times, *_ROLES) and one in frame.columns}
@@ -74,7 +74,7 @@ def _tables(name: str, frame: pl.DataFrame, enabled: set[int]) -> Iterator[Table
     for number, rows in parts.items():
         title = f"{name}/{number}" if number and _INSTANCE in frame.columns else name
         stated = ardupilot_correction(enabled, number)
-        yield of_frame(title, rows.select(*roles, ROW), roles=roles, row_word="message", stated=stated)
+        yield of_frame(title, rows.select(*roles, ROW), roles=roles, row_word=row_word, stated=stated)
 
 
 def _of_bytes(source: Source) -> Messages:

@@ -6,7 +6,7 @@ Cheap sensors have offsets of 0.25 to 0.6 g: before these are removed, size and 
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.samples import Floats
+from tumblecal.capture.decoding.samples import Floats, Integers
 
 
 # Readings that differ by less than this have one attitude: the change of gravity in a turn by 10 degrees. Biases do not affect
@@ -22,9 +22,9 @@ _NEAR = 0.08
 _LARGEST_BIAS, _LARGEST_RATIO = 0.9, 1.35
 
 
-def grouped(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], list[NDArray[np.float64]]]:
+def grouped(means: Floats) -> tuple[Integers, list[Floats]]:
     """Groups of readings (rows, 3) in g that differ by less than `ONE_ATTITUDE_G` from the first of their group."""
-    index, firsts = np.zeros(len(means), int), list[NDArray[np.float64]]()
+    index, firsts = np.zeros(len(means), int), list[Floats]()
     for row, mean in enumerate(means):
         far = [float(np.linalg.norm(mean - first)) for first in firsts]
         if min(far, default=np.inf) > ONE_ATTITUDE_G:

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.ground.precision import single_blas_thread
 from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import RecordedNoise
@@ -42,7 +42,7 @@ def finest_of(series: Sequence[ThermalSeries]) -> float:
     return max([_LEAST_WIDTH_DEGC, *(max(_STEPS * one.resolution, _SD * one.noise) for one in series)])
 
 
-def default_width(degc: NDArray[np.float64], series: Sequence[ThermalSeries]) -> float:
+def default_width(degc: Floats, series: Sequence[ThermalSeries]) -> float:
     """The width of a bin, degC: a fortieth of the range of temperatures, and at least `finest_of` recordings."""
     return max(float(np.ptp(degc)) / BINS, finest_of(series))
 
@@ -77,7 +77,7 @@ def binned(series: ThermalSeries, bin_degc: float) -> tuple[ThermalTable, pl.Dat
     return ThermalTable(table, series.source, series.comments), course
 
 
-def _row_of_blocks(blocks: pl.DataFrame, bin_degc: float) -> NDArray[np.int64]:
+def _row_of_blocks(blocks: pl.DataFrame, bin_degc: float) -> Integers:
     """The row of each block: one for each stay, stretch and bin, or soak; -1 for a stay that is too short.
 
     A bin with too few blocks, or a fragment at the end of a stay, is joined with its neighbour in temperature.
@@ -107,7 +107,7 @@ def _row_of_blocks(blocks: pl.DataFrame, bin_degc: float) -> NDArray[np.int64]:
     return row
 
 
-def _without_slope(blocks: pl.DataFrame, rows: pl.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _without_slope(blocks: pl.DataFrame, rows: pl.DataFrame) -> tuple[Floats, Floats]:
     """The readings of the blocks (blocks, 3), g, without the change with temperature within their row: that of a polynomial
     through the means of the attitude's rows, so that the noise within a row is not fitted; and its slope at each row (rows, 3),
     g/degC."""
@@ -128,9 +128,7 @@ def _without_slope(blocks: pl.DataFrame, rows: pl.DataFrame) -> tuple[NDArray[np
     return residual, slope
 
 
-def _uncertainty(
-    series: ThermalSeries, rows: Sequence[NDArray[np.float64]], within: np.ndarray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _uncertainty(series: ThermalSeries, rows: Sequence[Floats], within: np.ndarray) -> tuple[Floats, Floats]:
     """Standard deviations of the means, and numbers of independent samples.
 
     **Arguments:** `rows`: the blocks (blocks, 3) of each row. `within` (rows, 3): sums of their `SQUARES`.
@@ -151,7 +149,7 @@ def _uncertainty(
     return sd, np.clip(np.maximum(within / freedom, quantum**2 / 12) / sd**2, 1.0, samples)
 
 
-def _rounding_sd(step: NDArray[np.float64], noise_sd: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rounding_sd(step: Floats, noise_sd: Floats) -> Floats:
     """Root mean square error of the mean of readings that are rounded to multiples of a step, over all true values.
 
     A noise of half a step dithers the rounding, and the error vanishes; without noise it is `step / sqrt(12)`. The error is the
@@ -168,7 +166,7 @@ def _rounding_sd(step: NDArray[np.float64], noise_sd: NDArray[np.float64]) -> ND
     return step * np.sqrt(damping.sum(-1) / (2 * np.pi**2) + rest)
 
 
-def _before_rounding(step: NDArray[np.float64], sample_sd: NDArray[np.float64]) -> NDArray[np.float64]:
+def _before_rounding(step: Floats, sample_sd: Floats) -> Floats:
     """The noise of readings before rounding from their standard deviation s after it, by Sheppard's correction
     `s^2 - step^2 / 12`; 0 if rounding explains it."""
     return np.sqrt(np.maximum(sample_sd**2 - step**2 / 12, 0.0))

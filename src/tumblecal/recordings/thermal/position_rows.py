@@ -11,42 +11,34 @@ import numpy as np
 import polars as pl
 
 from tumblecal.capture.journal import JOURNAL_NAME
-from tumblecal.data.files import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soak_numbers
 from tumblecal.recordings.options import KnownContext, RecordingOptions
-from tumblecal.recordings.own_tables import are_samples, own_columns, with_context
-from tumblecal.recordings.reduce import reduced
+from tumblecal.recordings.own_tables import with_context
+from tumblecal.recordings.reduce import position_file, reduced
 from tumblecal.recordings.still.rough_sensor import grouped
 from tumblecal.recordings.thermal.temperature import branches, stretches_of_temperature
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
-
-
-_OF_MEANS = {"ax_sd_g", "ax_sd_mg", "ax_sd_ms2", "n"}
 
 
 def positions_of(
     path: Path, name: str, prefix: str, context: KnownContext, options: RecordingOptions, noise_sd: float | None
 ) -> ThermalTable | None:
     """The rows of a source with one row for each position, without branches: the folder of a capture, any table with `--means`,
-    or a table with angles, and with standard deviations of means (`ax_sd_g`), numbers of samples (`n`) or a stated noise. None
-    for a recording of samples.
+    or a table with angles. None for a recording of samples.
 
     **Arguments:** `name`: for labels; `prefix`: of labels of unknown attitudes. `noise_sd`: stated standard deviation of the
     readings, g; None: that of the columns.
 
     **Raises:** `InputError` for positions without temperatures, with impossible ones, or without standard deviations.
     """
-    names, captured = own_columns(path), (path / JOURNAL_NAME).is_file()
-    if captured or (context.means and (options != RecordingOptions() or "position" not in names)):
+    captured = (path / JOURNAL_NAME).is_file()
+    data = None if captured else position_file(path, context, options)
+    if data is None:
+        if not (captured or context.means):
+            return None
         given = () if captured else (replace(context, table=None), options)
         data = reduced([path], *given).data
-    elif context.means or ("alpha_deg" in names and (noise_sd is not None or names & _OF_MEANS)):
-        data = read_positions(path)
-        if are_samples(data) and not context.means:
-            return None
-    else:
-        return None
     data = with_context(data, context)
     if data.temperature_degc is None:
         raise InputError(f"{path}: column temperature_degc is missing; write the temperature of each position in degC")

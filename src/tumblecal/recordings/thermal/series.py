@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 from jaxtyping import Float
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
@@ -198,7 +198,7 @@ def _places(samples: Path, rest: AtRest) -> tuple[list[Place], list[str]]:
     return [Place(f"a{k + 1}") for k in index], lines
 
 
-def _steps_of(blocks: SignalBlocks, degc: NDArray[np.float64], to_g: float) -> dict[int, str]:
+def _steps_of(blocks: SignalBlocks, degc: Floats, to_g: float) -> dict[int, str]:
     """The first block after each step of a recording, and a line about the step: a join of `still/blocks.py` that changes the
     readings by less than a change of attitude, as of joined files or a moved unit.
 
@@ -226,7 +226,7 @@ def _steps_of(blocks: SignalBlocks, degc: NDArray[np.float64], to_g: float) -> d
 
 def _stays(
     rest: AtRest, places: list[Place], steps: list[int], prefix: str, mount: str | None
-) -> tuple[NDArray[np.int64], pl.DataFrame]:
+) -> tuple[Integers, pl.DataFrame]:
     """The number of the stay of each block, -1 in none, and the attitude of each stay; successive intervals in one attitude are
     one stay. After each step there are separate attitudes: its jump is then no change with temperature.
 

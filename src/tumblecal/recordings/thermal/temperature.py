@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 from scipy import ndimage, signal, special
 
+from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.recordings.own_tables import check_temperatures
 from tumblecal.recordings.still.blocks import SignalBlocks, without_single_outliers
@@ -44,9 +44,7 @@ _SOAK_RATE = 0.2
 _WORDS = np.array(["constant", "up", "down"])
 
 
-def block_temperatures(
-    path: Path, samples: Path, blocks: SignalBlocks
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def block_temperatures(path: Path, samples: Path, blocks: SignalBlocks) -> tuple[Floats, Floats]:
     """Mean temperature of each block, and its first reading, degC; NaN where unknown.
 
     **Arguments:** `path`: the recording, for faults. `samples`: its table of samples.
@@ -66,7 +64,7 @@ def block_temperatures(
     return mean, degc[blocks.row]
 
 
-def stuck_words(first: NDArray[np.float64], time_s: NDArray[np.float64]) -> list[str]:
+def stuck_words(first: Floats, time_s: Floats) -> list[str]:
     """A line about the longest run of equal readings of a thermometer, if it is stuck there; none if its noise is below its
     resolution, so that equal readings are usual.
 
@@ -87,16 +85,14 @@ def stuck_words(first: NDArray[np.float64], time_s: NDArray[np.float64]) -> list
     ]
 
 
-def resolution_of(degc: NDArray[np.float64]) -> float:
+def resolution_of(degc: Floats) -> float:
     """The smallest usual step between successive different readings of a thermometer, degC; 0 if they are all equal."""
     steps = np.abs(np.diff(degc[np.isfinite(degc)]))
     steps = steps[steps > 0]
     return float(np.quantile(steps, _SMALL_STEPS)) if len(steps) else 0.0
 
 
-def smoothed(
-    time_s: NDArray[np.float64], degc: NDArray[np.float64], resolution: float
-) -> tuple[pl.DataFrame, float, float]:
+def smoothed(time_s: Floats, degc: Floats, resolution: float) -> tuple[pl.DataFrame, float, float]:
     """The smoothed temperature on cells of equal length in time (columns `time_s`, the middle of a cell, `temperature_degc`,
     `rate_degc_per_s`); the length of a cell, s; and the standard deviation of the readings about it, degC.
 
@@ -132,7 +128,7 @@ def smoothed(
     return pl.DataFrame({"time_s": middles, TEMPERATURE: smooth, RATE: rate / cell_s}), cell_s, float(np.sqrt(usual))
 
 
-def _line(cells: NDArray[np.float64], half: int) -> tuple[NDArray[np.float64], ...]:
+def _line(cells: Floats, half: int) -> tuple[Floats, ...]:
     """Mean, slope for one cell, and variance of the residuals of straight lines over `half` cells on both sides of each; at the
     ends the course is continued by its point reflection."""
     level = cells.mean()
@@ -150,8 +146,8 @@ def _line(cells: NDArray[np.float64], half: int) -> tuple[NDArray[np.float64], .
 
 
 def stretches_of_temperature(
-    degc: NDArray[np.float64], bin_degc: float, resolution: float = 0.0, noise: float = 0.0
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    degc: Floats, bin_degc: float, resolution: float = 0.0, noise: float = 0.0
+) -> tuple[Integers, Integers]:
     """The number of the monotonic stretch of each temperature, and its sign: +1, -1, or 0 if nothing changes.
 
     **Arguments:** `bin_degc`: width of the bins. `resolution`, `noise`: of the temperatures, degC.
@@ -173,7 +169,7 @@ def stretches_of_temperature(
     return stretch, sign * (-1) ** (max(len(turns) - 1, 0) - stretch)
 
 
-def branches(stretch: NDArray[np.int64], sign: NDArray[np.int64], soak: NDArray[np.int64]) -> pl.DataFrame:
+def branches(stretch: Integers, sign: Integers, soak: Integers) -> pl.DataFrame:
     """The branch of each temperature; a whole soak is on the stretch by which it was reached.
 
     Columns: `stretch`, `soak` (-1 for none), `direction` and `reached_by` as of `ThermalTable`, and `branch`, such as `1 up`.
