@@ -46,8 +46,11 @@ def dwells_by_columns(raw: Raw, recording: str, *, means_given: bool = False) ->
     else:
         dwells = stretches(list(cells.values()))
     clocks = cells.pop(TIME_CLOCK, np.zeros(0))
-    stated: list[dict[str, Any]] = [{name: cells[name][rows[0]].item() for name in cells} for rows in dwells]
-    places = [Place(**{"position": f"p{k}"} | values) for k, values in enumerate(stated, start=1)]
+    stated: list[dict[str, Any]] = [
+        {"position": f"p{k}"} | {name: cells[name][rows[0]].item() for name in cells}
+        for k, rows in enumerate(dwells, 1)
+    ]
+    places = [Place(**values) for values in stated]
     # A table of means may have neither times nor rate: the number of samples is checked first.
     require_samples(source, places, dwells)
     rate_hz, middle_s = _times(raw, dwells)

@@ -64,14 +64,15 @@ def position_set(
     """
     stated = {name: [getattr(place, name) for place in places] for name in Place.__dataclass_fields__}
     hand_held = comments.get(ATTITUDES) == UNKNOWN
-    angles = attitudes_of(readings) if hand_held else [np.array(stated[name], float) for name in ANGLES]
+    alpha, beta = attitudes_of(readings) if hand_held else (np.array(stated[name], float) for name in ANGLES)
     for name in ("run", "mount"):
         usual = label_of_rows(known, name)
         some = usual != "1" or any(stated[name])
         columns[name] = tuple(label or usual for label in stated[name]) if some else None
     return PositionSet(
         names_of(stated["position"]),
-        *angles,
+        alpha,
+        beta,
         readings,
         approach=None if hand_held or None in stated["approach"] else np.array(stated["approach"], float),
         comments=dict(comments),

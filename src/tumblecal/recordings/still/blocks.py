@@ -93,8 +93,8 @@ def pieces_of(path: Path, columns: list[str], pad: int = 0) -> Iterator[tuple[sl
     table, whole, _ = scan_parquet(path, check=False)
     for first in range(0, whole, _PIECE_ROWS):
         before, count = min(pad, first), min(_PIECE_ROWS, whole - first)
-        rows = table.slice(first - before, before + count + pad).select(columns).collect().to_numpy().astype(float)
-        yield slice(first, first + count), slice(before, before + count), rows
+        rows = table.slice(first - before, before + count + pad).select(columns).collect().to_numpy()
+        yield slice(first, first + count), slice(before, before + count), rows.astype(float, copy=False)
 
 
 def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -> SignalBlocks:

@@ -37,8 +37,7 @@ def positions_of(
     if data is None:
         if not (captured or context.means):
             return None
-        given = () if captured else (replace(context, table=None), options)
-        data = reduced([path], *given).data
+        data = (reduced([path]) if captured else reduced([path], replace(context, table=None), options)).data
     data = with_context(data, context)
     if data.temperature_degc is None:
         raise InputError(f"{path}: column temperature_degc is missing; write the temperature of each position in degC")

@@ -183,9 +183,8 @@ def _places(samples: Path, rest: AtRest) -> tuple[list[Place], list[str]]:
         places = list[Place]()
         for interval in intervals:
             row = table.slice((interval.start + interval.stop) // 2, 1).select(there).collect().row(0, named=True)
-            angles = [float(row[name]) for name in ANGLES if {*ANGLES} <= {*there}]
-            label = str(row["position"]) if "position" in there else "{:g}, {:g} deg".format(*angles)
-            places.append(Place(label, *angles))
+            at = (float(row["alpha_deg"]), float(row["beta_deg"])) if {*ANGLES} <= {*there} else (None, None)
+            places.append(Place(str(row["position"]) if "position" in there else "{:g}, {:g} deg".format(*at), *at))
         return places, []
     means = rest.to_g * np.array([interval.mean for interval in intervals])
     index, firsts = grouped(means)
@@ -241,5 +240,5 @@ def _stays(
         stays += [place] if place not in stays[-1:] else []
         visit[blocks_of_interval(interval, blocks)] = len(stays) - 1
     rows = [(one.position, one.mount or mount, one.alpha_deg, one.beta_deg) for one in stays]
-    columns = dict.fromkeys(("position", "mount"), pl.String) | dict.fromkeys(ANGLES, pl.Float64)
+    columns = {"position": pl.String, "mount": pl.String, "alpha_deg": pl.Float64, "beta_deg": pl.Float64}
     return visit, pl.DataFrame(rows, columns, orient="row")
