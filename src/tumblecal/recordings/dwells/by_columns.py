@@ -17,7 +17,7 @@ from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity
-from tumblecal.recordings.dwells.axis_checks import require_axes_answer
+from tumblecal.recordings.dwells.dwell_checks import require_axes_answer
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples, require_samples, stated_comments
 from tumblecal.recordings.dwells.places import ANGLES, Known, Place, places_of, position_set
 from tumblecal.recordings.dwells.plan_match import matched

@@ -12,7 +12,7 @@ from tumblecal.data.parquet import scan_parquet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
 from tumblecal.recordings.clock import LONGEST_STEP_S
-from tumblecal.recordings.dwells.axis_checks import require_axes_answer
+from tumblecal.recordings.dwells.dwell_checks import require_axes_answer
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples, stated_comments
 from tumblecal.recordings.dwells.join import Joined
 from tumblecal.recordings.dwells.places import FilePlaces, Known, Place, places_of
@@ -20,8 +20,7 @@ from tumblecal.recordings.dwells.plan_match import PlanMatch, matched
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.reduction_record import AtRestRecord, MatchRecord
 from tumblecal.recordings.still.blocks import blocks_of, pieces_of
-from tumblecal.recordings.still.intervals import Interval
-from tumblecal.recordings.still.rough_sensor import ONE_ATTITUDE_G, grouped
+from tumblecal.recordings.still.intervals import ONE_ATTITUDE_G, Interval, grouped
 from tumblecal.recordings.still.stillness import Stillness, still_intervals
 
 

@@ -11,8 +11,7 @@ from tumblecal.capture.decoding.samples import Floats
 from tumblecal.ground.gravity import STANDARD, unit_in_g
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.still.blocks import SignalBlocks
-from tumblecal.recordings.still.intervals import Interval, judged
-from tumblecal.recordings.still.rough_sensor import ONE_ATTITUDE_G
+from tumblecal.recordings.still.intervals import ONE_ATTITUDE_G, Interval, judged
 from tumblecal.recordings.still.windows import ALLOWANCES, windows_of
 
 

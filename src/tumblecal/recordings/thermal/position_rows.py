@@ -16,7 +16,7 @@ from tumblecal.ground.soaks import soak_numbers
 from tumblecal.recordings.options import KnownContext, RecordingOptions
 from tumblecal.recordings.own_tables import with_context
 from tumblecal.recordings.reduce import position_file, reduced
-from tumblecal.recordings.still.rough_sensor import grouped
+from tumblecal.recordings.still.intervals import grouped
 from tumblecal.recordings.thermal.temperature import branches, stretches_of_temperature
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
 

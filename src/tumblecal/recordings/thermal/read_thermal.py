@@ -16,7 +16,7 @@ from tumblecal.recordings.dwells.places import places_by_table
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.still.rough_sensor import grouped
+from tumblecal.recordings.still.intervals import grouped
 from tumblecal.recordings.thermal.bins import binned, default_width, finest_of
 from tumblecal.recordings.thermal.position_rows import positions_of, with_branches
 from tumblecal.recordings.thermal.series import ThermalSeries, read_series

@@ -22,8 +22,7 @@ from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, RecordingOptions
 from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.still.blocks import SignalBlocks
-from tumblecal.recordings.still.intervals import blocks_of_interval
-from tumblecal.recordings.still.rough_sensor import ONE_ATTITUDE_G, grouped
+from tumblecal.recordings.still.intervals import ONE_ATTITUDE_G, blocks_of_interval, grouped
 from tumblecal.recordings.thermal.temperature import (
     RATE,
     TEMPERATURE,
