@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +15,15 @@ from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.emulator.operator import Typist
-from tumblecal.capture.protocols import protocol, protocols
+from tumblecal.capture.protocols import protocols
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.noise.allan import overlapping_allan
 
 
 def sent(device: VirtualDevice, seconds: float) -> Decoded:
     rate = device.config.instrument.rate_hz
-    name = device.config.instrument.protocol
-    options = {"whole": True} if name == "text" else {}
-    return decode_all(protocol(name).decoder(device.settings, **options), device.advance(round(seconds * rate)))
+    decoder = device.protocol.decoder(replace(device.settings, whole=True))
+    return decode_all(decoder, device.advance(round(seconds * rate)))
 
 
 @pytest.mark.parametrize("name", sorted(protocols()))

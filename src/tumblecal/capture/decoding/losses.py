@@ -7,14 +7,18 @@ too few data follow, the gap is reported as unresolved instead of being guessed.
 the number of lost samples.
 """
 
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tumblecal.capture.decoding.frame_numbers import FrameNumbers, commonest_step
+from tumblecal.capture.decoding.frame_numbers import commonest_step, frame_numbers, window_of
 from tumblecal.capture.decoding.samples import Floats, Integers, Mask, Samples
 
+
+if TYPE_CHECKING:
+    from tumblecal.capture.protocols import Protocol
 
 # Time before and after a gap in which the lowest delay is searched, s.
 _WINDOW_S = 2.0
@@ -71,22 +75,27 @@ class Losses:
 
     **Arguments:**
 
-    - `lost`: samples lost, all gaps together (unresolved ones with their best guess).
-    - `unresolved`: number of gaps of uncertain size.
-    - `replaced`: samples that the device replaced by a reply.
-    - `duplicates`: samples that arrived before.
     - `gaps`: each gap.
+    - `replaced`: samples that the device replaced by a reply. `duplicates`: samples that arrived before.
     - `rates`: sample rates by the clock of the device, or of the host.
     - `counted`: False without a counter; `lost` is then an estimate from time.
     """
 
-    lost: int = 0
-    unresolved: int = 0
+    gaps: Sequence[Gap] = ()
     replaced: int = 0
     duplicates: int = 0
-    gaps: list[Gap] = field(default_factory=list)
     rates: Rates = _NO_RATES
     counted: bool = True
+
+    @property
+    def lost(self) -> int:
+        """Samples lost, all gaps together (unresolved ones with their best guess)."""
+        return sum(gap.lost for gap in self.gaps)
+
+    @property
+    def unresolved(self) -> int:
+        """Number of gaps of uncertain size."""
+        return sum(not gap.resolved for gap in self.gaps)
 
     @property
     def rate_hz(self) -> float:
@@ -169,7 +178,7 @@ def count_losses(
 ) -> Losses:
     """Count the samples lost between the first and the last.
 
-    A late sample fills its place, and a repeat is not an additional sample (`FrameNumbers`).
+    A late sample fills its place, and a repeat is not an additional sample (`frame_numbers`).
 
     **Arguments:**
 
@@ -181,8 +190,7 @@ def count_losses(
     if len(samples) < 2:
         return Losses()
     step = step or commonest_step(samples.counter, modulus)
-    frames = FrameNumbers(modulus, step)
-    number, ticks, repeated, restarted = frames.take(samples)
+    number, repeated, restarted = frame_numbers(samples, modulus, step)
     # The samples in the order of sending, without repeats; losses across a restart cannot be counted.
     order = np.argsort(number, kind="stable")
     order = order[~repeated[order]]
@@ -190,7 +198,7 @@ def count_losses(
     missing, sure = np.diff(sent) - 1, np.ones(len(sent) - 1, bool)
     sure[np.searchsorted(sent, number[restarted]) - 1] = False
     last, highest = _last_of_stamps(host_s), np.maximum.accumulate(number)
-    wraps, certain = _wraps(np.maximum.accumulate(ticks)[last], host_s[last], modulus)
+    wraps, certain = _wraps(highest[last] * step, host_s[last], modulus)
     for stamp in np.flatnonzero((wraps > 0) | ~certain):
         # The gap is between the last sample of the stamp before and the first with a different step.
         between = np.arange(last[stamp - 1], last[stamp])
@@ -203,18 +211,13 @@ def count_losses(
     # Replies: of the gap where they arrived, or one within the window.
     replaced, after = np.zeros_like(missing), order[:-1]
     for special in np.array(special_after, int):
-        free = (replaced < missing) & (np.abs(after - special) <= frames.window) & (special >= 0)
+        free = (replaced < missing) & (np.abs(after - special) <= window_of(modulus, step)) & (special >= 0)
         if free.any():
             replaced[np.argmin(np.where(free, np.abs(after - special), np.inf))] += 1
     lost = missing - replaced
-    return Losses(
-        lost=int(lost.sum()),
-        unresolved=int((~sure).sum()),
-        replaced=int(replaced.sum()),
-        duplicates=duplicates,
-        gaps=[Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)],
-        rates=Rates.of(highest[last] + np.cumsum(wraps) * modulus // step, host_s[last]),
-    )
+    gaps = [Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)]
+    rates = Rates.of(highest[last] + np.cumsum(wraps) * modulus // step, host_s[last])
+    return Losses(gaps, int(replaced.sum()), duplicates, rates)
 
 
 def losses_from_time(host_s: Floats) -> Losses:
@@ -226,5 +229,22 @@ def losses_from_time(host_s: Floats) -> Losses:
     host_s, period = host_s[last], _slope(last, host_s[last], 1.0)
     lost, _ = _steps(host_s - last * period, host_s, period, _LATE_STAMP_S, 0.0)
     gaps = [Gap(int(last[stamp - 1]), int(lost[stamp]), False) for stamp in np.flatnonzero(lost)]
-    rates = Rates.of(last + np.cumsum(lost), host_s)
-    return Losses(int(lost.sum()), len(gaps), gaps=gaps, rates=rates, counted=False)
+    return Losses(gaps, rates=Rates.of(last + np.cumsum(lost), host_s), counted=False)
+
+
+def losses_of(
+    protocol: "Protocol",
+    samples: Samples,
+    host_s: Floats,
+    rate_hz: float | None,
+    attempt: range,
+    special_stops: list[int],
+) -> Losses:
+    """Losses among the samples of `attempt`, by the counter if there is one, otherwise by time; the others are context."""
+    counter, inside = protocol.counter, slice(attempt.start, attempt.stop)
+    if counter is None or not len(samples) or samples.counter[0] < 0:
+        return losses_from_time(host_s[inside]).by_device(samples.clock[inside], host_s[inside])
+    specials = np.searchsorted(samples.stop, np.array(special_stops, np.int64)) - 1
+    found = count_losses(samples, host_s, counter.modulus, counter.step(rate_hz), specials)
+    found = found.by_device(samples.clock, host_s)
+    return replace(found, gaps=[gap for gap in found.gaps if attempt.start <= gap.after < attempt.stop - 1])

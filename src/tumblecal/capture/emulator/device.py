@@ -77,9 +77,8 @@ class VirtualDevice:
     def __init__(self, config: Emulation, truth: TruthFunction = ideal):
         self.config, self.rate_hz, self._truth = config, config.instrument.rate_hz, truth
         self.protocol = protocol(config.instrument.protocol)
-        self.settings = Settings(rate_hz=self.rate_hz, temperatures=config.sends_temperatures)
-        if self.protocol.ranges_g:
-            self.settings = self.protocol.with_range(self.settings, config.instrument.range_g)
+        range_g = (config.instrument.range_g,) * 3 if self.protocol.ranges_g else None
+        self.settings = Settings(range_g, rate_hz=self.rate_hz, temperatures=config.sends_temperatures)
         self.head, self.climate, self.ledger, self.plugged = DividingHead(config.head), Climate(config), Ledger(), True
         self._noise = SampleStream(config.noise.model, 1 / self.rate_hz, config.noise.seed)
         self._random = np.random.default_rng([config.noise.seed, 1])

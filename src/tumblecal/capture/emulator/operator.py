@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tumblecal.capture.chamber.soak import OPERATOR
+from tumblecal.capture.chamber import OPERATOR
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import JOURNAL_NAME

@@ -13,7 +13,7 @@ from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME, Journal, RunState, sha256_of
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols import Protocol, protocol
-from tumblecal.capture.protocols.stim300_datagrams import settings_of
+from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.ground.atomic import writable_folder, written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.toml_faults import faults_at
@@ -113,11 +113,14 @@ def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
     return plan
 
 
-def settings_of_run(state: RunState, plan: CapturePlan, device: Protocol) -> Settings | None:
-    """Range and rate of the device: as it stated them in the run, otherwise from the plan."""
+def settings_of_run(state: RunState, plan: CapturePlan, device: Protocol) -> Settings:
+    """Range and rate of the device: as it stated them in the run, otherwise from the plan; columns and unit of text lines:
+    those of the plan, otherwise those of the header line when the run began."""
     if state.configuration is not None:
         return settings_of(state.configuration)
-    return device.settings(plan.port.range_g, state.device.get("rate_hz") or plan.port.rate_hz)
+    port, layout = plan.port, state.stated("layout")
+    columns, unit = port.columns or ",".join(layout.get("columns", ())), port.unit or layout.get("unit", "")
+    return device.settings(port.range_g, state.device.get("rate_hz") or port.rate_hz, columns, unit)
 
 
 def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:

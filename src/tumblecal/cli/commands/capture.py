@@ -36,7 +36,7 @@ def capture(
     port
         Serial port. Default: the port of the plan. Example: --port /dev/ttyUSB0.
     """
-    from tumblecal.capture.chamber.soak import with_temperatures
+    from tumblecal.capture.chamber import with_temperatures
     from tumblecal.capture.run import run_folder
     from tumblecal.capture.run.session import capture as guided
     from tumblecal.capture.run.stop_signals import Stopped
