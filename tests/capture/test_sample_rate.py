@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.decoding.losses import Rates, losses_from_time, losses_of
+from tumblecal.capture.decoding.losses import losses_from_time, losses_of
 from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import LiveStream, Recording
@@ -69,12 +69,12 @@ def stamps(times: np.ndarray, seed: int = 1) -> np.ndarray:
 
 def test_a_rate_that_differs_from_the_stated_one_is_a_warning_and_an_equal_one_is_not() -> None:
     for seed in range(20):
-        rates = losses_from_time(stamps(np.arange(1000) / 100, seed)).rates
-        assert rates.words(100.0) == ""
-        assert "samples a second, but 303 are expected: baud rate too low?" in rates.words(303.0)
-        assert float(rates.words(303.0).split()[3]) == pytest.approx(100, rel=0.005)
-        assert "but 50 are expected" in rates.words(50.0) and "baud" not in rates.words(50.0)
-    assert Rates.of(np.array([3]), np.array([0.1])).words(100.0) == ""
+        rates = losses_from_time(stamps(np.arange(1000) / 100, seed))
+        assert rates.rate_words(100.0) == ""
+        assert "samples a second, but 303 are expected: baud rate too low?" in rates.rate_words(303.0)
+        assert float(rates.rate_words(303.0).split()[3]) == pytest.approx(100, rel=0.005)
+        assert "but 50 are expected" in rates.rate_words(50.0) and "baud" not in rates.rate_words(50.0)
+    assert losses_from_time(np.array([0.1])).rate_words(100.0) == ""
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e3, 1e6])

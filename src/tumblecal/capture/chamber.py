@@ -7,21 +7,18 @@ import math
 import re
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.capture_plan import RATE_FRACTION, CapturePlan, ChamberTable, SoakTable
+from tumblecal.capture.capture_plan import OPERATOR, RATE_FRACTION, CapturePlan, ChamberTable, SoakTable
 from tumblecal.capture.decoding.samples import Entry
 from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import Arrived
 from tumblecal.capture.port.transport import Port
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import checked
 from tumblecal.ground.text_file import shown
 
 
-OPERATOR = "operator"
 _TRIES, _POLL_S, _SET_WITHIN_DEGC = 3, 0.01, 0.11
 _TERMINATORS = {"LF": "\n", "CR": "\r", "CRLF": "\r\n"}
 # Answers outside are no temperature of a chamber, degC.
@@ -31,28 +28,6 @@ _DEGC = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?:deg|°)
 _FEWEST = 3
 # Seconds of the device's time from an answer of the chamber to the next query.
 _QUERY_S = 5.0
-# Options of a call, and keys of the plan.
-_CRITERION = {
-    "soak_tolerance": "tolerance_degc",
-    "soak_rate": "rate_degc_per_min",
-    "soak_minutes": "stable_min",
-    "soak_timeout": "timeout_min",
-}
-
-
-def with_temperatures(plan: CapturePlan, chamber: str | None = None, **soak: float | None) -> CapturePlan:
-    """The plan with a chamber at a port (or the `operator`), and a criterion of a stable temperature; None: as in the plan.
-
-    **Raises:** `InputError` for a value that is not above 0, or for options that the plan does not need.
-    """
-    stated = {_CRITERION[name]: value for name, value in soak.items() if value is not None}
-    if (stated or chamber is not None) and not plan.over_temperature:
-        raise InputError(
-            "capture: the plan requests no temperature; remove --chamber and --soak-..., or add positions.temperature_degc"
-        )
-    criterion = checked(Path("--soak-..."), plan.soak.model_dump() | stated, SoakTable)
-    url = plan.chamber.url if chamber is None else chamber.removeprefix(OPERATOR)
-    return plan.model_copy(update={"soak": criterion, "chamber": plan.chamber.model_copy(update={"url": url})})
 
 
 class Chamber:

@@ -39,36 +39,6 @@ class Gap(NamedTuple):
     resolved: bool
 
 
-class Rates(NamedTuple):
-    """Samples a second in each half of a stretch, lost ones included, and the duration of a half, s."""
-
-    first_hz: float = np.nan
-    second_hz: float = np.nan
-    half_s: float = np.nan
-
-    @classmethod
-    def of(cls, number: Integers, time_s: Floats) -> "Rates":
-        """From the numbers of the samples that completed each stamp, and their times (n,); NaN for too few."""
-        if len(time_s) < 3 or not time_s[-1] > time_s[0]:
-            return cls()
-        middle = int(np.clip(np.searchsorted(time_s, (time_s[0] + time_s[-1]) / 2), 1, len(time_s) - 2))
-        first, second = np.diff(number[[0, middle, -1]]) / np.diff(time_s[[0, middle, -1]])
-        return cls(float(first), float(second), float(time_s[-1] - time_s[0]) / 2)
-
-    def words(self, wanted_hz: float) -> str:
-        """A warning if the rates differ from each other, or from the rate by which a dwell is counted; "" if they do not."""
-        near, mean = SAME_RATE + _LATE_STAMP_S / self.half_s, (self.first_hz + self.second_hz) / 2
-        if abs(self.second_hz / self.first_hz - 1) > near:
-            return f"the sample rate changed from {self.first_hz:.4g} to {self.second_hz:.4g} Hz"
-        if not abs(mean / wanted_hz - 1) > near:
-            return ""
-        slow = ": baud rate too low?" if mean < wanted_hz else ""
-        return f"the device sends {mean:.4g} samples a second, but {wanted_hz:.4g} are expected{slow}"
-
-
-_NO_RATES = Rates()
-
-
 @dataclass(frozen=True)
 class Losses:
     """Losses between the first and the last sample.
@@ -77,14 +47,16 @@ class Losses:
 
     - `gaps`: each gap.
     - `replaced`: samples that the device replaced by a reply. `duplicates`: samples that arrived before.
-    - `rates`: sample rates by the clock of the device, or of the host.
+    - `rate_hz`: samples a second, lost ones included, by the clock of the device, or of the host; NaN for fewer than three
+      stamps. `span_s`: duration by this clock.
     - `counted`: False without a counter; `lost` is then an estimate from time.
     """
 
     gaps: Sequence[Gap] = ()
     replaced: int = 0
     duplicates: int = 0
-    rates: Rates = _NO_RATES
+    rate_hz: float = np.nan
+    span_s: float = np.nan
     counted: bool = True
 
     @property
@@ -97,13 +69,15 @@ class Losses:
         """Number of gaps of uncertain size."""
         return sum(not gap.resolved for gap in self.gaps)
 
-    @property
-    def rate_hz(self) -> float:
-        """Sample rate, lost samples included; NaN for fewer than three stamps."""
-        return (self.rates.first_hz + self.rates.second_hz) / 2
+    def rate_words(self, wanted_hz: float) -> str:
+        """A warning if the rate differs from that by which a dwell is counted; "" if it does not."""
+        if not abs(self.rate_hz / wanted_hz - 1) > SAME_RATE + 2 * _LATE_STAMP_S / self.span_s:
+            return ""
+        slow = ": baud rate too low?" if self.rate_hz < wanted_hz else ""
+        return f"the device sends {self.rate_hz:.4g} samples a second, but {wanted_hz:.4g} are expected{slow}"
 
     def by_device(self, clock: Floats, host_s: Floats) -> "Losses":
-        """With the rates by the device's clock (n,), if it shows them; `host_s`: stamp of each sample (n,).
+        """With the rate by the device's clock (n,), if it shows them; `host_s`: stamp of each sample (n,).
 
         The clock must rise from sample to sample, in a power of ten of seconds by the stamps.
         """
@@ -116,7 +90,17 @@ class Losses:
         number = np.arange(len(clock))
         for gap in self.gaps:
             number[gap.after + 1 :] += gap.lost
-        return replace(self, rates=Rates.of(number, clock / unit))
+        rate_hz, span_s = _rate(number, clock / unit)
+        return replace(self, rate_hz=rate_hz, span_s=span_s)
+
+
+def _rate(number: Integers, time_s: Floats) -> tuple[float, float]:
+    """Samples a second and duration from the numbers of the samples that completed each stamp, and their times (n,)."""
+    if len(time_s) < 3 or not time_s[-1] > time_s[0]:
+        return np.nan, np.nan
+    middle = int(np.clip(np.searchsorted(time_s, (time_s[0] + time_s[-1]) / 2), 1, len(time_s) - 2))
+    rates = np.diff(number[[0, middle, -1]]) / np.diff(time_s[[0, middle, -1]])
+    return float(rates.mean()), float(time_s[-1] - time_s[0])
 
 
 def _last_of_stamps(host_s: Floats) -> Integers:
@@ -216,8 +200,8 @@ def count_losses(
             replaced[np.argmin(np.where(free, np.abs(after - special), np.inf))] += 1
     lost = missing - replaced
     gaps = [Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)]
-    rates = Rates.of(highest[last] + np.cumsum(wraps) * modulus // step, host_s[last])
-    return Losses(gaps, int(replaced.sum()), duplicates, rates)
+    rate = _rate(highest[last] + np.cumsum(wraps) * modulus // step, host_s[last])
+    return Losses(gaps, int(replaced.sum()), duplicates, *rate)
 
 
 def losses_from_time(host_s: Floats) -> Losses:
@@ -229,7 +213,7 @@ def losses_from_time(host_s: Floats) -> Losses:
     host_s, period = host_s[last], _slope(last, host_s[last], 1.0)
     lost, _ = _steps(host_s - last * period, host_s, period, _LATE_STAMP_S, 0.0)
     gaps = [Gap(int(last[stamp - 1]), int(lost[stamp]), False) for stamp in np.flatnonzero(lost)]
-    return Losses(gaps, rates=Rates.of(last + np.cumsum(lost), host_s), counted=False)
+    return Losses(gaps, 0, 0, *_rate(last + np.cumsum(lost), host_s), counted=False)
 
 
 def losses_of(

@@ -1,11 +1,11 @@
-"""The virtual device on a dividing head in a chamber: samples at the device's clock, encoded, with a ledger of the true events."""
+"""The virtual device on a dividing head in a chamber: its samples, encoded, and a ledger of the true events."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from tumblecal.capture.decoding.samples import Floats, Samples, Settings, Status, blank
+from tumblecal.capture.decoding.samples import Floats, Samples, Status, blank
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.protocols import protocol
 from tumblecal.ground.frames import gravity_in_head
@@ -80,8 +80,8 @@ class VirtualDevice:
     def __init__(self, config: Emulation, truth: TruthFunction = ideal):
         self.config, self.rate_hz, self._truth = config, config.instrument.rate_hz, truth
         self.protocol = protocol(config.instrument.protocol)
-        range_g = (config.instrument.range_g,) * 3 if self.protocol.ranges_g else None
-        self.settings = Settings(range_g, rate_hz=self.rate_hz, temperatures=config.sends_temperatures)
+        settings = self.protocol.settings(config.instrument.range_g if self.protocol.ranges_g else None, self.rate_hz)
+        self.settings = replace(settings, temperatures=config.sends_temperatures)
         self.ledger, self.plugged = Ledger(), True
         self.air_degc = self.set_point_degc = config.instrument.temperature_degc
         self.die_degc = self.thermometer_degc = self.air_degc + config.temperature.self_heating_degc

@@ -1,4 +1,4 @@
-"""A running virtual instrument behind pseudo-terminals: device time follows the host's clock, faults occur, the head is turned."""
+"""A running virtual instrument behind pseudo-terminals: device time follows the host's clock, and faults occur."""
 
 import contextlib
 import json

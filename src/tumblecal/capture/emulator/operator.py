@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from tumblecal.capture.chamber import OPERATOR
+from tumblecal.capture.capture_plan import OPERATOR
 from tumblecal.capture.decoding.samples import Entry
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice

@@ -78,7 +78,8 @@ class Protocol:
 
     def settings(self, range_g: float | None, rate_hz: float | None, columns: str = "", unit: str = "") -> Settings:
         """The settings of a device that states none itself."""
-        return Settings(range_g and (float(range_g),) * 3, rate_hz=rate_hz, columns=columns, unit=unit)
+        ranges_g = None if range_g is None else (float(range_g), float(range_g), float(range_g))
+        return Settings(ranges_g, rate_hz=rate_hz, columns=columns, unit=unit)
 
     def check_range(self, range_g: float, named: str) -> None:
         """Raise for a full scale that such devices do not have; `named` begins the fault.

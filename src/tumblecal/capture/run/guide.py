@@ -16,7 +16,6 @@ from tumblecal.capture.run.contact import Contact
 from tumblecal.capture.run.dwell import NOT_TURNED, Blocks, Dwell, Verdict, judge
 from tumblecal.capture.run.run_folder import RunFolder
 from tumblecal.ground.frames import angle_between_deg
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 # A dwell whose mean moves by more is rejected: this many limits for rest, and at least so much.
@@ -65,8 +64,7 @@ class Guide:
     def __init__(self, run: RunFolder, contact: Contact, soak: Soak, keys: Callable[[], str], bell: Callable[[], None]):
         self.plan, self.state, self._journal = run.plan, run.journal.state, run.journal
         self.contact, self.stream, self.soak, self._keys, self._bell = contact, contact.stream, soak, keys, bell
-        self._to_local_g = STANDARD_GRAVITY_MS2 / self.plan.site.gravity.value_ms2
-        self._still_g = self.plan.limits.still_mg * 1e-3
+        self._to_local_g, self._still_g = self.plan.site.to_local_g, self.plan.limits.still_mg * 1e-3
         self.blocks, self.moved, self._newest = Blocks(contact.rate_hz, 2), False, list[Arrived]()
         self.phase, self.position, self.settled_s = Phase.TURN, 0, 0.0
         self.dwell: Dwell | None = None
@@ -270,7 +268,7 @@ class Guide:
         while not after or self.contact.asking:
             after.append((yield from self._wait())[0])
         losses = dwell.losses(self.stream.protocol, after)
-        if other_rate := losses.rates.words(self.contact.rate_hz * self.plan.port.speed):
+        if other_rate := losses.rate_words(self.contact.rate_hz * self.plan.port.speed):
             self._report("warned", other_rate)
         if why := dwell.refusal(losses, self.plan.limits):
             self._repeat(why)

@@ -167,7 +167,7 @@ def _decoded(
             "saturated": int(saturated.sum()),
             "lost": losses.lost,
             "lost_unresolved": losses.unresolved,
-            "rate_fault": losses.rates.words(rate_hz * plan.port.speed),
+            "rate_fault": losses.rate_words(rate_hz * plan.port.speed),
         },
     )
 
