@@ -153,9 +153,7 @@ def _decoded(raw: Path, name: str, attempt: Attempt, run: tuple[CapturePlan, Run
     # Bytes shortly before and after the attempt: its first and last frame may begin or end there.
     stop = attempt.log_stop + _AFTER_BYTES
     records = [r for r in read_log(raw, attempt.log_before, stop) if r.kind == RecordKind.BYTES]
-    decoder = device.decoder(
-        settings, **device.decoder_options(*state.text_columns(plan.port.columns, plan.port.unit), whole=True)
-    )
+    decoder = device.decoder(replace(settings, whole=True))
     decoded = decode_all(decoder, b"".join(r.payload for r in records))
     stops = np.cumsum([len(r.payload) for r in records])
     which = np.minimum(np.searchsorted(stops, decoded.samples.stop), len(records) - 1)
@@ -191,7 +189,7 @@ def _decoded(raw: Path, name: str, attempt: Attempt, run: tuple[CapturePlan, Run
             "saturated": int(saturated.sum()),
             "lost": losses.lost,
             "lost_unresolved": losses.unresolved,
-            "rate_fault": losses.rates.words(rate_hz * plan.port.speed),
+            "rate_fault": losses.rate_words(rate_hz * plan.port.speed),
         },
     )
 
