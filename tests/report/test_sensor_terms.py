@@ -12,7 +12,7 @@ from independent import readings as linear_readings
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_terms import Term
 from tumblecal.estimation import exact, problem_of, where_of
-from tumblecal.lab.sensor_terms import undetermined_order
+from tumblecal.lab.terms import undetermined_order
 
 
 NOISE_MG = 0.1

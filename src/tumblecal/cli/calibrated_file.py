@@ -12,8 +12,8 @@ from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.result_set import result_set
 from tumblecal.lab.record import write_calibrated
-from tumblecal.lab.sensor_terms import lacking_of_fit
 from tumblecal.lab.summary import calibration_row
+from tumblecal.lab.terms import lacking_of_fit
 from tumblecal.show.calibration import calibration_text, words_of_calibration
 
 

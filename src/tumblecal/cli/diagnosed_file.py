@@ -16,7 +16,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.methods import require_measured, require_noise
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.result_set import result_set
-from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
+from tumblecal.lab.diagnosed import lacking_of_diagnosis
 from tumblecal.lab.summary import diagnosis_row
 from tumblecal.planning import NextPlan, next_plan
 from tumblecal.show.diagnosis import words_of_diagnosis, write_diagnosis

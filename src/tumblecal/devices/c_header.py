@@ -124,7 +124,7 @@ def pieces(
             # Without a knot inside, as many points as coefficients determine the polynomial.
             steps = np.linspace(-width, width, curve.order + 1) / 2
             changes = curve.coefficients @ curve.functions.values(middle + steps)
-            coefficients = Polynomial.fit(steps, changes, curve.order).convert().coef
+            coefficients = np.asarray(Polynomial.fit(steps, changes, curve.order).convert().coef, float)
             powers[piece, SENSOR.index(curve.parameter), : len(coefficients)] += coefficients
     return middles, edges[1:], powers
 

@@ -68,18 +68,18 @@ def losses(target: Target, export: Export, whole: Calibration, text: str) -> lis
     over_span = "at its reference temperature" if span is None else f"from {span[0]:g} to {span[1]:g} degC"
     lost, before = list[Loss](), whole
     for what, after in _on_the_way(target, export, whole, text):
-        pair, degc, time_s, per = (before, after), [reference], start_s, ""
+        first, second, degc, time_s, per = before, after, [reference], start_s, ""
         if what.startswith(DRIFT):
             degc, time_s, per = grid, end_s, "h" if run_s is None else ""
             what += "" if run_s is None else f", over {run_s / _HOUR_S:.3g} h"
         elif what.startswith(TEMPERATURE):
             # Only the thermal terms, because a change of sign in another term would look like a thermal change.
-            pair = [each.with_terms([term for term in each.terms if term.thermal]) for each in pair]
+            first, second = (each.with_terms([t for t in each.terms if t.thermal]) for each in (before, after))
             degc, per = ([reference + 1.0], "degC") if span is None else (grid, "")
             what += "" if span is None else f", {over_span}"
         elif what == _ROUNDING:
             degc = grid
-        lost.append(Loss(what, farthest_mg(*pair, degc, time_s), per))
+        lost.append(Loss(what, farthest_mg(first, second, degc, time_s), per))
         before = after
     lost = [loss for loss in lost if loss.mg > _NOTHING_MG]
     if sum(not loss.per for loss in lost) > 1:

@@ -83,7 +83,7 @@ def of_third_order(calibration: Calibration, span: tuple[float, float], about_de
         curve = next((curve for curve in curves.curves if curve.parameter == name), None) if curves else None
         if curve is None and not of_axis:
             continue
-        values = sum((term.factor(degc, None) for term in of_axis), changes[:, SENSOR.index(name)])
+        values = np.asarray(sum((term.factor(degc, None) for term in of_axis), changes[:, SENSOR.index(name)]))
         orders = [term.degc_power for term in of_axis] + ([ORDER if curve.knots_degc else curve.order] if curve else [])
         fitted = Polynomial.fit(degc - about_degc, values, min(max(orders), ORDER)).convert().coef
         powers = np.where(np.abs(fitted) * np.ptp(span) ** np.arange(len(fitted)) > _ROUNDING_G, fitted, 0.0)
@@ -94,7 +94,7 @@ def of_third_order(calibration: Calibration, span: tuple[float, float], about_de
     return replace(calibration, bias=bias, temperature=None, parameters=known).with_terms(terms)
 
 
-def polynomial_terms(axis: str, powers: Sequence[float], reference_degc: float, effect: str = "") -> list[Term]:
+def polynomial_terms(axis: str, powers: np.ndarray, reference_degc: float, effect: str = "") -> list[Term]:
     """The terms of a bias by powers of the temperature minus a reference, g; the constant is no term."""
     return [
         Term(axis, float(value), degc_power=power, reference_degc=reference_degc, effect=effect)
@@ -111,7 +111,7 @@ def bias_polynomials(calibration: Calibration, about_degc: float) -> Float[np.nd
     table = np.zeros((ORDER + 1, len(AXES)))
     for term in filter(_in_polynomial, calibration.terms):
         powers = term.coefficient * Polynomial([about_degc - term.reference_degc, 1.0]) ** term.degc_power
-        table[: len(powers.coef), AXES.index(term.axis)] += powers.coef
+        table[: term.degc_power + 1, AXES.index(term.axis)] += np.asarray(powers.coef, float)
     return table
 
 

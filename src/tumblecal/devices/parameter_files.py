@@ -111,7 +111,7 @@ def _read(names: Names, text: str, gravity_ms2: float) -> Calibration:
     stated, terms = _parameter(text, names.stated, 25.0), []
     step = Polynomial([0.0 if names.about_degc is None else stated - names.about_degc, 1.0])
     for k, axis in enumerate(AXES):
-        terms += polynomial_terms(axis, Polynomial(powers[:, k] / gravity_ms2)(step).coef, stated)
+        terms += polynomial_terms(axis, np.asarray(Polynomial(powers[:, k] / gravity_ms2)(step).coef), stated)
     read = of_numbers(np.diag(scale), (offset + powers[0]) / gravity_ms2, terms)
     return replace(read, temperature_degc=stated if terms else None)
 

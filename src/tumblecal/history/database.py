@@ -242,11 +242,10 @@ def _entry(*row) -> Entry:
     good = all(isinstance(text, str) for text in texts)
     good &= all(size is None or (isinstance(size, float | int) and math.isfinite(size)) for size in sizes)
     good &= stated is None or _checksum(_ROW, row[:-1]) == stated
+    kind, serial, date_utc, source, sha256, outcome = [plain(str(text)) for text in texts]
+    rms_g, p_value = sizes if good else (None, None)
     entry = Entry(
-        *(plain(str(text)) for text in texts),
-        *(sizes if good else (None, None)),
-        number=number,
-        damaged="" if good else _ROW,
+        kind, serial, date_utc, source, sha256, outcome, rms_g, p_value, number=number, damaged="" if good else _ROW
     )
     if (stated is None or not good) and not entry.dated:
         return replace(entry, damaged=_ROW, date_utc="")
@@ -270,17 +269,18 @@ def _complete(database: sqlite3.Connection, entry: Entry, wanted: Collection[str
     if _PARAMETERS in parts:
         try:
             noise = calibration.get("parameters") if combined else None
-            parameters = _parameters(*parts[_PARAMETERS], provenance.get("dof"), noise)
+            parameters = _parameters(parts[_PARAMETERS], provenance.get("dof"), noise)
         except _UNREADABLE:
             return replace(entry, damaged=_PARAMETERS)
     return replace(entry, combined=combined, diagnosed="uncertainty_parts" in provenance, parameters=parameters)
 
 
-def _parameters(names: str, values: bytes, covariance: bytes, dof: Any, noise: Any) -> "SensorParameters":
+def _parameters(columns: Sequence, dof: Any, noise: Any) -> "SensorParameters":
     """The parameters of an entry; without stated degrees of freedom of the noise their covariance is treated as known.
 
     **Arguments:**
 
+    - `columns`: their names, values and covariance in the file.
     - `noise`: the parameters with the covariance of the noise alone, as in a calibration file, if that of the entry includes
       the inputs of a budget.
     """
@@ -288,6 +288,7 @@ def _parameters(names: str, values: bytes, covariance: bytes, dof: Any, noise: A
 
     from tumblecal.data.sensor_parameters import SensorParameters
 
+    names, values, covariance = columns
     listed = tuple(json.loads(names))
     square = np.frombuffer(covariance, "<f8").reshape(len(listed), -1)
     parameters = SensorParameters(listed, np.frombuffer(values, "<f8"), square)

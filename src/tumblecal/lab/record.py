@@ -26,7 +26,7 @@ from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.setup.error import SetupErrorRecord
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.record import LEFT_OUT, Estimate, Estimates, ResultRecord, at, estimates, rows
-from tumblecal.lab.sensor_terms import terms_of_chain
+from tumblecal.lab.terms import terms_of_chain
 
 
 # Pairs of parameters whose correlation is above this are listed.

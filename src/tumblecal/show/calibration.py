@@ -15,10 +15,9 @@ from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
-from tumblecal.lab.judgements import remedy_words
-from tumblecal.lab.limits import NO_GRAVITY
 from tumblecal.lab.record import STRONG_CORRELATION, calibration_of, strong_correlations
-from tumblecal.lab.sensor_terms import effects_in, held_words, lacking_of_fit
+from tumblecal.lab.terms import effects_in, held_words, lacking_of_fit
+from tumblecal.lab.use import NO_GRAVITY, remedy_words
 from tumblecal.show.fit import TITLES, fit_words
 from tumblecal.show.verdict import WIDTH, verdict_lines
 from tumblecal.show.words import Words, words_of

@@ -24,10 +24,10 @@ from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.atomic import writable_folder, write_texts
 from tumblecal.ground.json_file import json_text
-from tumblecal.lab.diagnosed_use import diagnosed_use, lacking_of_diagnosis
+from tumblecal.lab.diagnosed import diagnosed_use, lacking_of_diagnosis
 from tumblecal.lab.extended_rig import NAME as EXTENDED_RIG
 from tumblecal.lab.extended_rig import extended_rig_text
-from tumblecal.lab.sensor_terms import held_words
+from tumblecal.lab.terms import held_words
 from tumblecal.plan.next.record import DiagnosisWithPlanRecord
 from tumblecal.planning import NextPlan
 from tumblecal.show.fit import fit_words

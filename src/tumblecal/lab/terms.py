@@ -1,26 +1,28 @@
 """The terms of a calibration file: effects of a fitted model that belong to the sensor, and those that no file can contain."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.chain import Chain, Where, followings_of
+from tumblecal.chain import Chain, Where, followings_of, nominal_chain, settings
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_terms import Term
+from tumblecal.data.calibration_terms import Term, contributions, terms_of
 from tumblecal.data.not_applied import IDS, LOSSES, NotApplied
 from tumblecal.data.temperature_curves import TemperatureCurves
-from tumblecal.effects import Catalogue
-from tumblecal.effects.effect import NO_FORMS, OF_HEAD, OF_MOUNT, reason_not_held
+from tumblecal.effects import Catalogue, Effect
+from tumblecal.effects.catalogue import catalogue, first_link
+from tumblecal.effects.effect import MEAN, NO_FORMS, OF_HEAD, OF_MOUNT, reason_not_held
 from tumblecal.estimation.curves_of_fit import curves_of
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.soaks import soaks
-from tumblecal.lab.effect_forms import per_hour, require_forms, term_of_form
 
 
 _EQUATION = (
@@ -31,6 +33,8 @@ _EQUATION = (
 _USUAL_ORDER = 3
 _WORDS = {2: "second", 3: "third"}
 _GRID = 401
+# A form and its term are the same function within this share of the coefficient.
+_SAME = 1e-9
 # Without these the force in the frame of the triad is correct.
 NOT_MISSED = (OF_HEAD, OF_MOUNT)
 # Leaves that are no property of the sensor.
@@ -66,10 +70,8 @@ def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[Fitte
     acting = [leaf for leaf in chain.parameters if leaf.name not in nominal and (leaf.free or leaf.value.any())]
     remaining = {leaf.name: leaf for leaf in acting}
     # Most leaves have the id of their effect; making the links of every effect takes milliseconds.
-    candidates = (
-        entries.values() if set(remaining) - set(entries) else [entries[id] for id in entries if id in remaining]
-    )
-    for effect in candidates:
+    candidates = [id for id in entries if id in remaining] if remaining.keys() <= entries.keys() else entries
+    for effect in map(entries.__getitem__, candidates):
         if not remaining:
             return
         if effect.make is None or effect.lacking(where):
@@ -77,24 +79,26 @@ def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[Fitte
         links = effect.make(where)[:1]
         leaves = [remaining.pop(leaf.name) for leaf in Chain(links).parameters if leaf.name in remaining]
         if leaves:
-            names = tuple([name for leaf in leaves for name in leaf.names])
-            kept = not any(leaf.free for leaf in leaves)
-            yield FittedEffect(effect.id, effect.forms, names, kept, reason_not_held(effect, links))
+            names, kept = [name for leaf in leaves for name in leaf.names], not any(leaf.free for leaf in leaves)
+            yield FittedEffect(effect.id, effect.forms, tuple(names), kept, reason_not_held(effect, links))
     yield from (FittedEffect(name, (), leaf.names) for name, leaf in remaining.items())
 
 
+@dataclass(frozen=True)
 class SensorTerms:
-    """The terms of one calibration file, collected from the effects of one fit or of several; `curves`: the parameters of the
-    sensor over temperature."""
+    """The terms of one calibration file, collected from the effects of one fit or of several.
 
-    def __init__(self, curves: TemperatureCurves | None = None):
-        self.curves = curves
-        self._terms: dict[str, Term] = {}
-        self._lacking: dict[str, NotApplied] = {}
+    - `curves`: the parameters of the sensor over temperature. `by_name`: the terms by the names of their coefficients.
+    - `lacking`: by id, the effects that the file cannot contain, the reasons, and their sizes in the data.
+    """
+
+    curves: TemperatureCurves | None = None
+    by_name: dict[str, Term] = field(default_factory=dict)
+    lacking: dict[str, NotApplied] = field(default_factory=dict)
 
     def has(self, id: str) -> bool:
         """Whether an effect was added."""
-        return id in self._lacking or any(term.effect == id for term in self._terms.values())
+        return id in self.lacking or any(term.effect == id for term in self.by_name.values())
 
     def add(self, effect: FittedEffect, fit: Fit, determined: Collection[str], signal: Signal = None) -> None:
         """Add an effect as it was fitted.
@@ -106,43 +110,29 @@ class SensorTerms:
         """
         if not effect.held:
             sizes = () if signal is None else (np.max(np.abs(signal)), np.sqrt(np.mean(np.square(signal))))
-            self._lacking[effect.id] = NotApplied(effect.id, effect.reason, *(1e3 * float(size) for size in sizes))
+            self.lacking[effect.id] = NotApplied(effect.id, effect.reason, *(1e3 * float(size) for size in sizes))
             return
-        values = dict(zip(fit.names, fit.values.tolist(), strict=True))
-        units = dict(zip(fit.names, fit.units, strict=True))
-        for leaf in fit.problem.chain.parameters if not values.keys() >= {*effect.names} else ():
-            # Coefficients at fixed values of the chain.
-            values = dict(zip(leaf.names, leaf.value.ravel().tolist(), strict=True)) | values
-            units = dict.fromkeys(leaf.names, leaf.unit) | units
+        values, units = fit.stated_values, _units(fit.problem.chain) | dict(zip(fit.names, fit.units, strict=True))
         for form, name in zip(effect.forms, effect.names, strict=True):
-            term = term_of_form(form, fit.problem.where, effect=effect.id, determined=name in determined)
-            self._terms[name] = replace(term, coefficient=values[name] * per_hour(term, units[name]))
-
-    @property
-    def by_name(self) -> dict[str, Term]:
-        """The terms by the names of their coefficients."""
-        return dict(self._terms)
-
-    @property
-    def listed(self) -> tuple[Term, ...]:
-        """The terms."""
-        return tuple(self._terms.values())
+            self.by_name[name] = term_of_form(
+                form,
+                fit.problem.where,
+                effect=effect.id,
+                determined=name in determined,
+                coefficient=values[name],
+                unit=units[name],
+            )
 
     @property
     def thermal(self) -> bool:
         """Whether the file corrects for temperature."""
-        return self.curves is not None or any(term.thermal for term in self.listed)
-
-    @property
-    def not_applied(self) -> list[NotApplied]:
-        """The effects that the file cannot contain, the reasons, and their sizes in the data."""
-        return list(self._lacking.values())
+        return self.curves is not None or any(term.thermal for term in self.by_name.values())
 
     def losses(self, temperature_degc: Float[np.ndarray, " positions"] | None) -> list[NotApplied]:
-        """All corrections that the file lacks: `not_applied`, and an order of the dependence on temperature that the data, at
+        """All corrections that the file lacks: `lacking`, and an order of the dependence on temperature that the data, at
         these temperatures, do not determine."""
-        open_order = undetermined_order(self.listed, temperature_degc, self.curves)
-        return [*self.not_applied, *([] if open_order is None else [open_order])]
+        open_order = undetermined_order([*self.by_name.values()], temperature_degc, self.curves)
+        return [*self.lacking.values(), *filter(None, [open_order])]
 
     def put_into(
         self, calibration: Calibration, temperature_degc: Float[np.ndarray, " positions"] | None
@@ -151,13 +141,12 @@ class SensorTerms:
 
         `temperature_degc`: of the data.
         """
-        provenance: dict = {IDS: list(self._lacking)} if self._lacking else {}
-        if losses := self.losses(temperature_degc):
-            provenance[LOSSES] = [loss.record() for loss in losses]
-        calibration = replace(calibration, provenance=calibration.provenance | provenance)
-        if not self._terms:
+        stated = {IDS: [*self.lacking], LOSSES: [loss.record() for loss in self.losses(temperature_degc)]}
+        provenance = calibration.provenance | {key: entry for key, entry in stated.items() if entry}
+        calibration = replace(calibration, provenance=provenance)
+        if not self.by_name:
             return calibration
-        calibration = calibration.with_terms(self.listed)
+        calibration = calibration.with_terms([*self.by_name.values()])
         return replace(calibration, extra=calibration.extra | {"terms_equation": _EQUATION})
 
 
@@ -181,24 +170,80 @@ def terms_of_chain(
     return terms
 
 
+def _units(chain: Chain) -> dict[str, str]:
+    """Units of all coefficients of a chain."""
+    return {name: leaf.unit for leaf in chain.parameters for name in leaf.names}
+
+
 def _signal(fit: Fit, effect: FittedEffect) -> Signal:
     """Contribution of an effect to the readings of a fit, to first order, g; None for one that is not estimated."""
-    moved = [
-        fit.names.index(name) for name in effect.names if name in fit.names and fit.units[fit.names.index(name)] != "s"
-    ]
+    moved = [k for k, name in enumerate(fit.names) if name in effect.names and fit.units[k] != "s"]
     if not moved or fit.jacobian.shape[1:] != (len(fit.names),):
         return None
     rows = fit.jacobian[:, moved] @ (fit.values[moved] / fit.problem.scales[moved])
     return fit.problem.unwhitened(rows[: fit.problem.readings.size])
 
 
+def term_of_form(
+    form: Mapping[str, Any],
+    where: Where,
+    *,
+    effect: str,
+    determined: bool = True,
+    coefficient: float = 0.0,
+    unit: str = "",
+) -> Term:
+    """A form of an effect as a term of a calibration file.
+
+    `coefficient`, `unit`: as in the chain, which uses seconds; a file uses hours.
+
+    **Raises:** `InputError` for a form that no calibration file can contain.
+    """
+    stated = {**form, "coefficient": 0.0, "effect": effect, "determined": determined}
+    if stated.get("reference_degc") == MEAN and where.temperature_degc is not None:
+        stated["reference_degc"] = float(np.mean(np.asarray(where.temperature_degc)))
+    (term,) = terms_of([stated], f"effect {effect}: forms")
+    return replace(term, coefficient=coefficient * (3600.0 if term.per_hour and "/s" in unit else 1.0))
+
+
+def require_forms(effect: Effect) -> None:
+    """Compare the forms of a user effect with the contribution of its link to the readings, at many attitudes, times and
+    temperatures.
+
+    **Raises:** `InputError` for a form that is a different function, as a calibration file would correct with the form.
+    """
+    if not effect.forms or effect.make is None or catalogue().get(effect.id) is effect:
+        return
+    alpha, beta = (
+        each.ravel() for each in np.radians(np.meshgrid(np.arange(5, 360, 30.0), (-80.0, -45.0, 10.0, 50.0)))
+    )
+    number = np.arange(alpha.size)
+    degc, time_s = np.linspace(-20.0, 60.0, alpha.size)[number * 7 % alpha.size], np.linspace(0.0, 7200.0, alpha.size)
+    more = {"run": [str(k % 2) for k in number], "approach": np.where(number % 2, 1.0, -1.0)}
+    where, f = settings(alpha, beta, time_s=time_s, temperature_degc=degc, **more), gravity_in_head(alpha, beta)
+    link = first_link(effect, where)
+    chain = nominal_chain(where) + link
+    for k, (form, name) in enumerate(zip(effect.forms, Chain((link,)).names, strict=True)):
+        place = chain.names.index(name)
+        scale, unit, vector = chain.scales[place], chain.units[place], np.zeros(len(chain.names))
+        without, vector[place] = np.asarray(chain.at(vector)(where)), scale
+        added, stated = (np.asarray(chain.at(vector)(where)) - without) / scale, np.zeros_like(f)
+        term = term_of_form(form, where, effect=effect.id, coefficient=1.0, unit=unit)
+        stated[:, AXES.index(term.axis)] = term.factor(degc, time_s) * term.of_inputs(np.asarray(f))
+        if np.max(np.abs(added - stated)) > _SAME * max(1.0, float(np.max(np.abs(added)))):
+            raise InputError(
+                f"effect {effect.id}: forms.{k}: differs from the function of the effect (up to "
+                f"{np.max(np.abs(stated)):.3g} instead of {np.max(np.abs(added)):.3g} for a coefficient of 1 {unit}). Correct "
+                "the form, or omit forms"
+            )
+
+
 def held_words(fit: Fit, chain: Chain, entries: Catalogue) -> Iterator[str]:
     """The effects of a given chain that calibration.json contains as terms; none if no such file is made of the fit."""
-    if not (fit.code.good and one_sensor(fit)):
-        return
-    effects = [effect for effect in effects_in(chain, fit.problem.where, entries) if not effect.kept]
-    if held := [effect.id for effect in effects if effect.held]:
-        yield f"terms of calibration.json, in addition to matrix and bias: {', '.join(held)}"
+    if fit.code.good and one_sensor(fit):
+        effects = effects_in(chain, fit.problem.where, entries)
+        if held := [effect.id for effect in effects if effect.held and not effect.kept]:
+            yield f"terms of calibration.json, in addition to matrix and bias: {', '.join(held)}"
 
 
 def lacking_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iterator[str]:
@@ -242,24 +287,17 @@ def undetermined_order(
     half, middle = np.ptp(levels) / 2, (levels[0] + levels[-1]) / 2
     grid = np.linspace(-1, 1, _GRID)
     hidden = np.prod(grid[:, None] - (levels - middle) / half, axis=1)
-    size = 1e3 * _change(thermal, curves, middle + half * grid)
+    # Half of the change of a reading at 1 g over the temperatures, of the axis on which it is largest.
+    degc, sizes = middle + half * grid, np.array([term.coefficient for term in thermal])
+    along = np.tensordot(sizes, contributions(thermal, np.ones((1, 3)), degc)[:, :, 0], 1)
+    if curves is not None:
+        along += curves.at(degc)[:, :6].reshape(-1, 2, 3).sum(axis=1)
+    hidden *= 1e3 * float(np.max(np.ptp(along, axis=0))) / 2
     at = ", ".join(f"{level:.3g}" for level in levels)
     return NotApplied(
         f"temperature^{order}",
         f"not determined: a {_WORDS[order]}-order dependence of the same size as the known one would be zero at the "
         f"{order} temperatures measured ({at} degC) and act between them",
-        float(size * np.max(np.abs(hidden))),
-        float(size * np.sqrt(np.mean(hidden**2))),
+        float(np.max(np.abs(hidden))),
+        float(np.sqrt(np.mean(hidden**2))),
     )
-
-
-def _change(thermal: Sequence[Term], curves: TemperatureCurves | None, degc: Float[np.ndarray, " grid"]) -> float:
-    """Half of the change of a reading at 1 g over the temperatures, of the axis on which it is largest, g."""
-    inputs = np.ones((len(degc), 3))
-    along = np.zeros((3, len(degc)))
-    if curves is not None:
-        scales, biases = np.split(curves.at(degc)[:, :6].T, 2)
-        along += scales + biases
-    for term in thermal:
-        along[AXES.index(term.axis)] += term.factor(degc, None) * term.of_inputs(inputs)
-    return float(np.max(np.ptp(along, axis=1))) / 2
