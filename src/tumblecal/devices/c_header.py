@@ -37,7 +37,6 @@ def _write(export: Export) -> str:
     calibration = export.calibration
     terms, curves, sensor = calibration.terms, calibration.temperature, calibration.sensor.of(SENSOR).values
     of_terms = f"{_REAL} temperature_degc, " if any(term.thermal for term in terms) else ""
-    forward = np.linalg.inv(calibration.matrix)
     content = {
         "header": export.header,
         "gravity_ms2": export.gravity_ms2,
@@ -45,7 +44,7 @@ def _write(export: Export) -> str:
         "matrix": calibration.matrix,
         "bias": calibration.bias,
         "rotation": calibration.matrix @ triad_of(sensor),
-        "inputs": forward / np.diag(forward)[:, None],
+        "scale": np.diag(np.linalg.inv(calibration.matrix)),
         "sums": ["".join(f" + {_term(t)}" for t in terms if t.axis == axis) for axis in AXES] if terms else [],
         "inputs_unused": not any(any(term.powers) for term in terms),
         "steps": _steps(export) if terms else 1,

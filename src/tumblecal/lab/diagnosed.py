@@ -1,6 +1,6 @@
 """`calibration.json` of a diagnosis: the extended model at one reference, with one stated uncertainty."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from tumblecal.estimation.intrinsic import one_sensor, sensor_of
 from tumblecal.estimation.linear_calibration import linear_calibration
 from tumblecal.ground.errors import InputError
 from tumblecal.lab.corrected_reading import expanded_uncertainty, with_undetected
-from tumblecal.lab.terms import FittedEffect, SensorTerms, Signal, lacking_words, require_forms, terms_of_chain
+from tumblecal.lab.terms import FittedEffect, SensorTerms, Signal, require_forms, terms_of_chain
 from tumblecal.lab.use import use_of_diagnosis
 
 
@@ -55,11 +55,6 @@ def diagnosed_use(diagnosis: Diagnosis) -> Use:
     if diagnosis.calibration is None:
         return Use("no", f"no calibration is written: {not_written(diagnosis)}")
     return diagnosis.calibration.use
-
-
-def lacking_of_diagnosis(diagnosis: Diagnosis) -> Iterator[str]:
-    """Effects of the sensor that calibration.json does not contain, with reasons and sizes."""
-    return lacking_words(diagnosis.calibration.not_applied if diagnosis.calibration else (), of_sensor=True)
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:

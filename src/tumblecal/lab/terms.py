@@ -11,14 +11,13 @@ from tumblecal.chain import Chain, Where, followings_of, nominal_chain, settings
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term, contributions, terms_of
-from tumblecal.data.not_applied import IDS, LOSSES, NotApplied
+from tumblecal.data.not_applied import IDS, LOSSES, NotApplied, losses_words
 from tumblecal.data.temperature_curves import TemperatureCurves
 from tumblecal.effects import Catalogue, Effect
 from tumblecal.effects.catalogue import catalogue, first_link
 from tumblecal.effects.effect import MEAN, NO_FORMS, OF_HEAD, OF_MOUNT, reason_not_held
 from tumblecal.estimation.curves_of_fit import curves_of
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
@@ -238,31 +237,19 @@ def require_forms(effect: Effect) -> None:
             )
 
 
-def held_words(fit: Fit, chain: Chain, entries: Catalogue) -> Iterator[str]:
-    """The effects of a given chain that calibration.json contains as terms; none if no such file is made of the fit."""
-    if fit.code.good and one_sensor(fit):
-        effects = effects_in(chain, fit.problem.where, entries)
-        if held := [effect.id for effect in effects if effect.held and not effect.kept]:
-            yield f"terms of calibration.json, in addition to matrix and bias: {', '.join(held)}"
+def held_words(calibration: Calibration | None) -> list[str]:
+    """The effects that a calibration file contains as terms; none without a calibration."""
+    ids = dict.fromkeys(term.effect for term in calibration.terms if term.effect) if calibration else ()
+    return [f"terms of calibration.json, in addition to matrix and bias: {', '.join(ids)}"] if ids else []
 
 
-def lacking_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iterator[str]:
-    """Fitted effects that calibration.json does not contain, with reasons and sizes, in words.
+def lacking_words(calibration: Calibration | None, *, of_sensor: bool = False) -> list[str]:
+    """Corrections that a calibration file does not contain, with reasons and sizes; none without a calibration.
 
     `of_sensor`: without effects of the head and of the mount, which the frame of the triad does not need.
     """
-    for loss in losses:
-        if not (of_sensor and loss.reason in NOT_MISSED):
-            yield f"not corrected by calibration.json: {loss.words}"
-
-
-def lacking_of_fit(fit: Fit, entries: Catalogue, *, of_sensor: bool = False) -> Iterator[str]:
-    """`lacking_words` of the estimated effects of a fit; none if no calibration.json is made of it."""
-    if fit.code.good and one_sensor(fit):
-        chain = fit.problem.chain
-        kept = {effect.id for effect in effects_in(chain, fit.problem.where, entries) if effect.kept}
-        losses = terms_of_chain(fit, chain, entries).losses(fit.data.temperature_degc)
-        yield from lacking_words([loss for loss in losses if loss.effect not in kept], of_sensor=of_sensor)
+    losses = calibration.not_applied if calibration else ()
+    return losses_words([loss for loss in losses if not (of_sensor and loss.reason in NOT_MISSED)])
 
 
 def undetermined_order(
