@@ -213,39 +213,34 @@ def _documents(parts: dict[str, tuple], damaged: list[str]) -> dict[str, str]:
 
 
 def _listed(database: sqlite3.Connection, serial: str | None = None) -> list[Entry]:
-    with_checksums = _has_checksums(database)
-    stated = "checksum.sha256" if with_checksums else "NULL"
-    join = f"LEFT JOIN checksum ON checksum.number = entry.number AND part = '{_ROW}'" * with_checksums
-    columns = ", ".join(f"entry.{name}" for name in _COLUMNS.split(", "))
-    entries = [_entry(*row) for row in _rows(database, f"SELECT {columns}, {stated} FROM entry {join}")]
-    return _by_date([e for e in entries if serial is None or (e.serial == serial and not e.damaged)])
-
-
-def _rows(database: sqlite3.Connection, query: str) -> list[Sequence]:
-    """The rows of a query on entries; if a page of the file is damaged, those that can be read separately."""
+    """The entries by their rows; if a page of the file is damaged, those that can be read separately."""
+    stated, checksums = dict[int, str](), "SELECT number, sha256 FROM checksum WHERE part = ?"
+    if _has_checksums(database):
+        with contextlib.suppress(sqlite3.DatabaseError):
+            stated = dict(database.execute(checksums, (_ROW,)).fetchall())
     try:
-        return database.execute(query).fetchall()
+        rows = database.execute(f"SELECT {_COLUMNS} FROM entry").fetchall()
     except sqlite3.DatabaseError:
         rows = list[Sequence]()
         for number in _numbers(database):
             with contextlib.suppress(sqlite3.DatabaseError):
-                rows += database.execute(f"{query} WHERE entry.number = ?", (number,)).fetchall()
+                rows += database.execute(_QUERIES[_ROW], (number,)).fetchall()
         if not rows:
             raise
-        return rows
+    entries = [_entry(row, stated.get(row[0])) for row in rows]
+    return _by_date([e for e in entries if serial is None or (e.serial == serial and not e.damaged)])
 
 
-def _entry(*row) -> Entry:
-    """The entry of a row; if damaged, it is marked, and keeps a valid date."""
-    number, _, *values, stated = row
-    texts, sizes = values[:6], values[6:]
+def _entry(row: Sequence, stated: str | None) -> Entry:
+    """The entry of a row with its stated checksum, if any; if damaged, it is marked, and keeps a valid date."""
+    texts, sizes = row[2:8], row[8:]
     good = all(isinstance(text, str) for text in texts)
     good &= all(size is None or (isinstance(size, float | int) and math.isfinite(size)) for size in sizes)
-    good &= stated is None or _checksum(_ROW, row[:-1]) == stated
+    good &= stated is None or _checksum(_ROW, row) == stated
     kind, serial, date_utc, source, sha256, outcome = [plain(str(text)) for text in texts]
     rms_g, p_value = sizes if good else (None, None)
     entry = Entry(
-        kind, serial, date_utc, source, sha256, outcome, rms_g, p_value, number=number, damaged="" if good else _ROW
+        kind, serial, date_utc, source, sha256, outcome, rms_g, p_value, number=row[0], damaged="" if good else _ROW
     )
     if (stated is None or not good) and not entry.dated:
         return replace(entry, damaged=_ROW, date_utc="")

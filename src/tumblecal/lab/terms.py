@@ -237,9 +237,10 @@ def require_forms(effect: Effect) -> None:
             )
 
 
-def held_words(calibration: Calibration | None) -> list[str]:
-    """The effects that a calibration file contains as terms; none without a calibration."""
-    ids = dict.fromkeys(term.effect for term in calibration.terms if term.effect) if calibration else ()
+def held_words(calibration: Calibration | None, found: Collection[str] = ()) -> list[str]:
+    """The effects that a calibration file contains as terms, without those `found`; none without a calibration."""
+    terms = calibration.terms if calibration else ()
+    ids = dict.fromkeys(term.effect for term in terms if term.effect and term.effect not in found)
     return [f"terms of calibration.json, in addition to matrix and bias: {', '.join(ids)}"] if ids else []
 
 

@@ -104,7 +104,9 @@ def words_of_diagnosis(
         named=named,
         advice=advice,
         mountings=mounting_words(diagnosis.mountings),
-        held=held_words(diagnosis.calibration),
+        held=held_words(
+            diagnosis.calibration, [cause.label for one in diagnosis.in_use.weighed for cause in one.members]
+        ),
         missed=lacking_words(diagnosis.calibration, of_sensor=True),
         within_dwells=diagnosis.data.comments.get(WITHIN_DWELLS),
         harm=harm,
