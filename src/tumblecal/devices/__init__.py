@@ -20,7 +20,7 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_file import require_triad
 from tumblecal.data.result_records import read_checked
 from tumblecal.devices import c_header, own_formats, parameter_files, text_formats
-from tumblecal.devices.losses import Loss, losses
+from tumblecal.devices.format_losses import Loss, losses
 from tumblecal.devices.target import Export, Target
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2

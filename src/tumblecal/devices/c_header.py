@@ -16,7 +16,7 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_extended import MOST_STEPS, TOLERANCE, values
 from tumblecal.data.calibration_terms import Term
 from tumblecal.data.sensor_parameters import SENSOR, triad_of
-from tumblecal.devices.losses import attitudes
+from tumblecal.devices.format_losses import attitudes
 from tumblecal.devices.over_temperature import in_table, temperatures
 from tumblecal.devices.own_formats import device_record, read_device_file
 from tumblecal.devices.target import LINEAR, TEMPERATURE, Export, Target

@@ -11,7 +11,7 @@ from tumblecal.data.calibration_terms import undetermined_words
 from tumblecal.data.not_applied import use_lines
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.devices import TARGETS
-from tumblecal.devices.losses import losses
+from tumblecal.devices.format_losses import losses
 from tumblecal.devices.target import Export, Target
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import SAME_MS2, STANDARD, Gravity, gravity_of_option
