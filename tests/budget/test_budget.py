@@ -9,7 +9,7 @@ import pytest
 
 import gimbal_bounds as gimbal
 from tumblecal.budget.budget import budget_of
-from tumblecal.budget.columns import sensitivity_to_readings
+from tumblecal.budget.inputs import sensitivity_to_readings
 from tumblecal.budget.monte_carlo import monte_carlo
 from tumblecal.chain.considered import Considered
 from tumblecal.data import write_positions
@@ -108,8 +108,8 @@ def test_combined_expanded_and_degrees_of_freedom_by_hand(table1):
     from scipy.stats import t
 
     assert made.expanded[j] == pytest.approx(t.ppf(0.975, dof) * u)
-    assert made.without(1)[j] == pytest.approx(t.ppf(0.975, 57) * u_a)
-    assert made.without(0)[j] == pytest.approx(t.ppf(0.975, 4) * u_b)
+    assert made.without_each[1, j] == pytest.approx(t.ppf(0.975, 57) * u_a)
+    assert made.without_each[0, j] == pytest.approx(t.ppf(0.975, 4) * u_b)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_calibrate_and_diagnose_keep_what_they_wrote(tumblecal, tmp_path, table1
     ]
     for entry, name in zip(kept, ("result.json", "diagnosis.json"), strict=True):
         folder = tmp_path / entry.kind.replace("calibration", "calibrate").replace("diagnosis", "diagnose")
-        assert documents(path, entry.number)[name] == (folder / name).read_text()
+        assert documents(path, entry.number)[0][name] == (folder / name).read_text()
     fitted = json.loads((tmp_path / "calibrate" / "result.json").read_text())["methods"]["exact"]["parameters"]
     parameters = of_unit(path, "A-17")[0].parameters
     assert [fitted[name]["value"] for name in parameters.names] == parameters.values.tolist()
@@ -218,7 +218,7 @@ def test_a_damaged_result_is_named_and_the_others_are_used(tumblecal, tmp_path, 
     lost = {"result.json"} & {part}
     assert again.code == (1 if lost else 0) and len(again.lines) == len(lost)
     assert {path.name for path in (tmp_path / "files").iterdir()} == {"result.json", "more.txt"} - lost
-    assert documents(path, 3)["more.txt"] == "2 " * 50
+    assert documents(path, 3)[0]["more.txt"] == "2 " * 50
 
 
 def test_a_history_without_checksums_is_read_and_given_checksums(tumblecal, tmp_path):

@@ -12,7 +12,7 @@ from tumblecal.estimation.intrinsic import matrix_and_bias, one_sensor, sensor_o
 from tumblecal.estimation.methods import calibrate
 from tumblecal.estimation.position_problem import default_chain
 from tumblecal.ground.gravity import STANDARD, comments_of
-from tumblecal.lab.limits import gravity_use
+from tumblecal.lab.use import gravity_use
 
 
 BIAS, SCALE = np.array([4e-3, 4e-4, -1.9e-3]), np.array([3e-4, 2e-4, 1.7e-3])

@@ -15,8 +15,7 @@ from tumblecal.effects.effect import OF_HEAD, OF_RUN
 from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import calibrate
 from tumblecal.lab.corrected_reading import expanded_uncertainty
-from tumblecal.lab.diagnosed_use import use_of_diagnosis
-from tumblecal.lab.limits import limits, systematic_g
+from tumblecal.lab.use import limits, systematic_g, use_of_diagnosis
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from independent import readings as linear_readings
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_terms import Term
 from tumblecal.estimation import exact, problem_of, where_of
-from tumblecal.lab.sensor_terms import undetermined_order
+from tumblecal.lab.terms import undetermined_order
 
 
 NOISE_MG = 0.1
@@ -110,11 +110,11 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     # No calibration of a sensor holds the head's errors: nobody is warned of that.
     quiet = tumblecal(command, measured, "--rig", rig, "--out", out, "--no-figures", "--quiet")
     words = " ".join(quiet.lines)
-    assert "not corrected by calibration.json: bias_drift.x (up to" in words and "index_eccentricity" not in words
+    assert "not in this calibration: bias_drift.x (up to" in words and "index_eccentricity" not in words
     twin = tmp_path / "twin.csv"
     twin.write_text(measured.read_text() + "# another\n")
     several = tumblecal(command, measured, twin, "--rig", rig, "--out", tmp_path / "several")
-    assert several.out.count("not corrected by calibration.json: bias_drift.x (up to") == 2
+    assert several.out.count("not in this calibration: bias_drift.x (up to") == 2
 
 
 def test_three_temperatures_leave_the_third_order_open():

@@ -6,11 +6,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.budget.columns import Input, inputs_of, sensitivity_to_readings, shifts, signals
+from tumblecal.budget.inputs import Input, inputs_of, sensitivity_to_readings, shifts, signals
 from tumblecal.chain import Chain
 from tumblecal.chain.considered import Considered
 from tumblecal.data.coverage_factor import coverage_factors, effective_dof
@@ -48,30 +49,16 @@ class Budget:
         return self.fit.names
 
     @property
-    def type_a(self) -> Float[np.ndarray, " free"]:
-        """Standard uncertainty from the noise of the data (type A)."""
-        return np.sqrt(np.maximum(self.fit.sd**2 - sum(size**2 for size in self.diagnosis_parts.values()), 0.0))
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Contributions in addition to the noise: parts of a diagnosis, then the inputs."""
-        return (*self.diagnosis_parts, *(given.label for given in self.inputs))
-
-    @property
     def sources(self) -> tuple[str, ...]:
-        """All contributions: the noise, then `labels`."""
-        return TYPE_A, *self.labels
+        """All contributions: the noise, parts of a diagnosis, then the inputs."""
+        return TYPE_A, *self.diagnosis_parts, *(given.label for given in self.inputs)
 
-    @property
-    def sizes(self) -> Float[np.ndarray, "labels free"]:
-        """Standard uncertainties by each of `labels`."""
-        return np.vstack([*self.diagnosis_parts.values(), self.contributions])
-
-    @property
-    def contributions(self) -> Float[np.ndarray, "inputs free"]:
-        """Standard uncertainty of each parameter by each input."""
-        sizes = [np.linalg.norm(shift, axis=1) for shift in self.shifts]
-        return np.array(sizes).reshape(len(self.inputs), len(self.names))
+    @cached_property
+    def table(self) -> Float[np.ndarray, "sources free"]:
+        """Standard uncertainties by each of `sources`; the first is type A."""
+        parts = [*self.diagnosis_parts.values()]
+        of_noise = np.sqrt(np.maximum(self.fit.sd**2 - sum(size**2 for size in parts), 0.0))
+        return np.vstack([of_noise, *parts, *(np.linalg.norm(shift, axis=1) for shift in self.shifts)])
 
     @property
     def type_b(self) -> Float[np.ndarray, "free free"]:
@@ -79,14 +66,14 @@ class Budget:
         return sum((shift @ shift.T for shift in self.shifts), np.zeros(self.fit.covariance.shape))
 
     @property
-    def covariance(self) -> Float[np.ndarray, "free free"]:
-        """Combined covariance of the parameters."""
-        return self.fit.covariance + self.type_b
+    def as_fit(self) -> Fit:
+        """The fit with the combined covariance of the parameters."""
+        return replace(self.fit, covariance=self.fit.covariance + self.type_b)
 
     @property
     def combined(self) -> Float[np.ndarray, " free"]:
         """Combined standard uncertainties."""
-        return np.sqrt(np.diag(self.covariance))
+        return self.as_fit.sd
 
     @property
     def dof(self) -> Float[np.ndarray, " free"]:
@@ -103,32 +90,23 @@ class Budget:
         """Expanded uncertainties, U = k u."""
         return self.coverage * self.combined
 
-    def without(self, number: int) -> Float[np.ndarray, " free"]:
-        """Expanded uncertainties without one contribution: 0 is the noise of the data, then `labels` in turn."""
-        sizes, dofs = self._terms(number)
-        combined = np.sqrt(np.sum(sizes**2, axis=0))
-        return coverage_factors(effective_dof(sizes, dofs), self.level) * combined
-
     @property
     def without_each(self) -> Float[np.ndarray, "sources free"]:
         """Expanded uncertainties without each of `sources`."""
-        return np.array([self.without(number) for number in range(len(self.sources))])
-
-    @property
-    def as_fit(self) -> Fit:
-        """The fit with the combined covariance, for what is derived from it."""
-        return replace(self.fit, covariance=self.covariance)
+        remaining = [self._terms(number) for number in range(len(self.sources))]
+        return np.array(
+            [coverage_factors(effective_dof(*each), self.level) * np.linalg.norm(each[0], axis=0) for each in remaining]
+        )
 
     def _terms(self, omitted: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Standard uncertainties that are combined, and their degrees of freedom; noise and parts of a diagnosis are one."""
-        sizes = np.vstack([self.type_a, self.sizes])
+        sizes, of_noise = self.table.copy(), 1 + len(self.diagnosis_parts)
         if omitted is not None:
             sizes[omitted] = 0.0
-        first = 1 + len(self.diagnosis_parts)
-        of_noise = self.fit.dof if self.fit.noise == "estimated" else np.inf
-        of_noise = of_noise if self.noise_dof is None else self.noise_dof
-        terms = np.vstack([np.linalg.norm(sizes[:first], axis=0), sizes[first:]])
-        return terms, np.array([of_noise, *(given.stated.freedom for given in self.inputs)])
+        dof = self.fit.dof if self.fit.noise == "estimated" else np.inf
+        dof = dof if self.noise_dof is None else self.noise_dof
+        terms = np.vstack([np.linalg.norm(sizes[:of_noise], axis=0), sizes[of_noise:]])
+        return terms, np.array([dof, *(given.stated.freedom for given in self.inputs)])
 
 
 def budget_of(

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.budget.budget import Budget
-from tumblecal.budget.columns import Input, groups_of
+from tumblecal.budget.inputs import Input
 from tumblecal.estimation.programs import compiler_options
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import expansion, fit_chain
@@ -70,7 +70,7 @@ def _drawn(budget: Budget, rng: np.random.Generator, count: int) -> tuple[np.nda
     added, direct = np.zeros((count, *fit.problem.readings.shape)), np.zeros((count, len(fit.names)))
     for given in budget.inputs:
         for name in given.names:
-            groups = groups_of(fit, given)
+            groups = given.groups(fit.problem.where)
             values = given.u * _standard(rng, given, (count, groups.max() + 1))
             if given.direct:
                 direct[:, fit.names.index(name)] += values[:, 0]
@@ -83,13 +83,12 @@ def _drawn(budget: Budget, rng: np.random.Generator, count: int) -> tuple[np.nda
 
 def _standard(rng: np.random.Generator, given: Input, size: tuple[int, ...]) -> np.ndarray:
     """Draws of an input's distribution, with sd 1 (for finite degrees of freedom Student's t of the stated sd)."""
-    drawn = {
-        "normal": lambda: rng.standard_normal(size),
-        "rectangular": lambda: rng.uniform(-1, 1, size),
-        "triangular": lambda: rng.uniform(-1, 1, size) / 2 + rng.uniform(-1, 1, size) / 2,
-        "arcsine": lambda: np.sin(rng.uniform(0, 2 * np.pi, size)),
+    drawn, spread = {
+        "normal": lambda: (rng.standard_normal(size), 1.0),
+        "rectangular": lambda: (rng.uniform(-1, 1, size), 3**0.5),
+        "triangular": lambda: (rng.uniform(-1, 1, size) / 2 + rng.uniform(-1, 1, size) / 2, 6**0.5),
+        "arcsine": lambda: (np.sin(rng.uniform(0, 2 * np.pi, size)), 2**0.5),
     }[given.stated.distribution]()
-    spread = {"normal": 1.0, "rectangular": 3**0.5, "triangular": 6**0.5, "arcsine": 2**0.5}[given.stated.distribution]
     if np.isfinite(given.stated.freedom):
         drawn = drawn * np.sqrt(given.stated.freedom / rng.chisquare(given.stated.freedom, (size[0], 1)))
     return drawn * spread

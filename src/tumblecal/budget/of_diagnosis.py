@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.budget.budget import Budget
-from tumblecal.budget.columns import BUDGET_INPUTS, Input
+from tumblecal.budget.inputs import BUDGET_INPUTS, Input
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.not_applied import losses_words

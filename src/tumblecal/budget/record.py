@@ -66,7 +66,7 @@ class BudgetRecord(ResultRecord):
     level: float
     inputs: dict[str, dict[str, Any]]
     parameters: dict[str, ParameterRecord]
-    covariance: Matrix
+    covariance: Matrix = at("as_fit.covariance")
     type_b_covariance: Matrix = at("type_b")
     monte_carlo: MonteCarloRecord | None
     diagnosis: Annotated[list[str], BeforeValidator(list), LEFT_OUT] = at("diagnosis_parts")
@@ -90,8 +90,8 @@ def budget_record(budget: Budget, checked: MonteCarlo | None) -> BudgetRecord:
         names,
         value=fit.values,
         unit=fit.units,
-        u_type_a=budget.type_a,
-        contributions=[dict(zip(budget.labels, sizes, strict=True)) for sizes in budget.sizes.T],
+        u_type_a=budget.table[0],
+        contributions=[dict(zip(sources[1:], sizes, strict=True)) for sizes in budget.table[1:].T],
         u=budget.combined,
         effective_dof=budget.dof,
         k=budget.coverage,

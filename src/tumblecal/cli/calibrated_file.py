@@ -11,9 +11,9 @@ from tumblecal.cli.terminal import columns
 from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.result_set import result_set
-from tumblecal.lab.record import write_calibrated
-from tumblecal.lab.sensor_terms import lacking_of_fit
+from tumblecal.lab.record import write_calibrated, written_calibration
 from tumblecal.lab.summary import calibration_row
+from tumblecal.lab.terms import lacking_words
 from tumblecal.show.calibration import calibration_text, words_of_calibration
 
 
@@ -42,5 +42,5 @@ def calibrated_file(files: PositionFiles, model: StatedModel, file: Path, folder
     add_to_history(more.history, folder, "calibration", data.serial_number)
     command.warn(data.source, words.lines("warnings"))
     row, text = calibration_row(file, made), calibration_text(words, columns())
-    lacking = "".join(f" ({loss})" for loss in lacking_of_fit(made.exact, made.entries, of_sensor=True))
+    lacking = "".join(f" ({loss})" for loss in lacking_words(written_calibration(made), of_sensor=True))
     return Outcome(row, (), f"{file}: {row['judgement']}{lacking}", partial(command.say, text), made.use.refused)

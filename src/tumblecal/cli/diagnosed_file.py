@@ -16,8 +16,8 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.methods import require_measured, require_noise
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.result_set import result_set
-from tumblecal.lab.diagnosed_use import lacking_of_diagnosis
 from tumblecal.lab.summary import diagnosis_row
+from tumblecal.lab.terms import lacking_words
 from tumblecal.planning import NextPlan, next_plan
 from tumblecal.show.diagnosis import words_of_diagnosis, write_diagnosis
 
@@ -44,7 +44,7 @@ def diagnosed_file(batch: Batch, file: Path, folder: Path, read: Read, head: Mea
     add_to_history(batch.more.history, folder, "diagnosis", diagnosis.data.serial_number)
     batch.command.warn(diagnosis.data.source, words.lines("warnings"))
     row, found = diagnosis_row(file, diagnosis), ", ".join(diagnosis.labels) or "nothing found"
-    short = [f"{file}: {diagnosis.verdict}", found, *lacking_of_diagnosis(diagnosis)]
+    short = [f"{file}: {diagnosis.verdict}", found, *lacking_words(diagnosis.calibration, of_sensor=True)]
     one_mounting = len(diagnosis.data.files) > 1 and diagnosis.data.mount is None and diagnosis.verdict != "adequate"
     return Outcome(
         row, (), "; ".join(short), partial(batch.command.print_verdict, words.verdict, *[ONE_MOUNTING] * one_mounting)

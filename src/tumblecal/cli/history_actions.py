@@ -9,8 +9,7 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.history.database import add
-from tumblecal.history.folders import entries_of
-from tumblecal.history.named import stored_files
+from tumblecal.history.folders import entries_of, stored_files
 from tumblecal.show.history_list import damage_lines
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_file import require_triad
 from tumblecal.data.result_records import read_checked
-from tumblecal.devices import autopilots, c_header, plain, robotics, vectornav
+from tumblecal.devices import c_header, own_formats, parameter_files, text_formats
 from tumblecal.devices.format_losses import Loss, losses
 from tumblecal.devices.target import Export, Target
 from tumblecal.ground.errors import InputError
@@ -28,7 +28,7 @@ from tumblecal.ground.strict_json import LARGEST
 from tumblecal.ground.text_file import read_text
 
 
-_FAMILIES = (c_header, plain, autopilots, robotics, vectornav)
+_FAMILIES = (c_header, own_formats, parameter_files, text_formats)
 TARGETS: dict[str, Target] = {target.name: target for family in _FAMILIES for target in family.TARGETS}
 
 __all__ = ["TARGETS", "Export", "Loss", "Target", "losses", "read_any"]
@@ -64,7 +64,7 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
         raise InputError(f"{given}: no file after the colon; write {name}:FILE")
     path = Path(file)
     try:
-        read = TARGETS[name].read(read_text(path, name), gravity_ms2).calibration()
+        read = TARGETS[name].read(read_text(path, name), gravity_ms2)
         if not (np.all(np.abs(read.matrix) <= LARGEST) and np.all(np.abs(read.bias) <= LARGEST)):
             raise InputError(f"numbers that are not finite, or beyond {LARGEST:g}; correct the file")
         require_triad(read.matrix)

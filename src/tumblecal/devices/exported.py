@@ -40,13 +40,14 @@ def exported(
 
     **Raises:** `InputError` for options that contradict the calibration or each other, or that cannot be read.
     """
-    target, one_g, span = TARGETS[name], _one_g(path, whole, gravity), _span(whole, temperatures, at_degc)
+    target, one_g, measured = TARGETS[name], _one_g(path, whole, gravity), _measured(whole)
+    span = _span(measured, temperatures, at_degc)
     date, serial = whole.provenance.get("date_utc"), whole.serial_number
     of = f"{f'serial number {serial}, ' if serial else ''}{path.name}{f' of {date}' if date else ''}"
-    header = f"tumblecal {__version__}: calibration of {of}"
-    carried = target.carried(whole, span, at_degc)
+    header, carried = f"tumblecal {__version__}: calibration of {of}", target.carried(whole, span, at_degc)
     bare = Export(carried, one_g.value_ms2, (header,), span, tuple(noise), at_degc=at_degc, **options)
-    notes = [*_notes(whole, target, bare)]
+    written = target.write(bare)
+    notes = [*_notes(whole, target, bare, written, measured)]
     if gravity is not None and whole.gravity:
         notes.append(f"one g is {one_g}, as in the calibration")
     if one_g.assumed and name not in ("c-header", "csv"):
@@ -61,20 +62,22 @@ def exported(
         "run-time": (bare.run_s, bare if not any(term.per_hour for term in whole.terms) else None),
         "at": (at_degc, None if "temperature_degc" in whole.columns_needed else bare),
     }
-    unused = [
+    notes += [
         f"--{option}: no effect on the export of this calibration to {name}"
         for option, (value, other) in without.items()
-        if value not in (None, ()) and other is not None and target.write(other) == target.write(bare)
+        if value not in (None, ()) and other is not None and target.write(other) == written
     ]
-    return text, target.words, [*notes, *unused]
+    return text, target.words, notes
 
 
-def _notes(whole: Calibration, target: Target, bare: Export) -> Iterator[str]:
+def _notes(
+    whole: Calibration, target: Target, bare: Export, written: str, measured: tuple[float, float] | None
+) -> Iterator[str]:
     """Losses of the format, use of the calibration, and limits of both."""
-    lost = [f"lost: {loss}" for loss in losses(target, bare, whole, target.write(bare))]
+    lost = [f"lost: {loss}" for loss in losses(target, bare, whole, written)]
     yield from lost or ["nothing of this calibration is lost"]
     yield from filter(None, [undetermined_words(whole.terms), *use_lines(whole)])
-    span, measured = bare.temperatures_degc, _measured(whole)
+    span = bare.temperatures_degc
     if span and measured and (span[0] < measured[0] or span[1] > measured[1]):
         yield (
             f"the data cover {measured[0]:.4g} to {measured[1]:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the "
@@ -107,12 +110,14 @@ def _one_g(path: Path, whole: Calibration, gravity: str | None) -> Gravity:
     return calibrated or stated or STANDARD
 
 
-def _span(whole: Calibration, temperatures: str | None, at: float | None) -> tuple[float, float] | None:
+def _span(
+    measured: tuple[float, float] | None, temperatures: str | None, at: float | None
+) -> tuple[float, float] | None:
     """The range of `--temperatures`, degC, otherwise that of the data.
 
     **Raises:** `InputError` for a text that is not a range, and if `--at` is outside.
     """
-    span = _measured(whole)
+    span = measured
     if temperatures is not None:
         low, *high = numbers("--temperatures", temperatures, "0:60", ":")
         if len(high) != 1 or not -100 <= low < high[0] <= 200:

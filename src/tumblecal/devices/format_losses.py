@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
+from tumblecal.devices.over_temperature import export_degc, temperatures
 from tumblecal.devices.target import DRIFT, TEMPERATURE, Export, Target, reductions
-from tumblecal.devices.temperature import export_degc, temperatures
 
 
 # Number of attitudes for losses: a lattice on the sphere (Fibonacci), in addition to both directions of the axes.
@@ -60,32 +60,34 @@ def losses(target: Target, export: Export, whole: Calibration, text: str) -> lis
         ...     print(loss)
         cross terms (off the matrix' diagonal): up to 0.294 mg
     """
-    lost, before = list[Loss](), whole
-    span, run_s = export.temperatures_degc, export.run_s
-    rows = export.table_degc
-    grid = np.union1d(temperatures(whole, span), rows[1:] - np.diff(rows) / 2).tolist()
+    span, run_s, rows = export.temperatures_degc, export.run_s, export.table_degc
+    grid = np.union1d(temperatures(whole, span), rows[1:] - np.diff(rows) / 2)
     reference = export_degc(whole, span, export.at_degc)
     starts = {term.reference_s for term in whole.terms if term.per_hour}
-    start_s, ends_s = min(starts, default=0.0), max(starts, default=0.0) + (_HOUR_S if run_s is None else run_s)
+    start_s, end_s = min(starts, default=0.0), max(starts, default=0.0) + (_HOUR_S if run_s is None else run_s)
+    over_span = "at its reference temperature" if span is None else f"from {span[0]:g} to {span[1]:g} degC"
+    lost, before = list[Loss](), whole
     for what, after in _on_the_way(target, export, whole, text):
+        first, second, degc, time_s, per = before, after, [reference], start_s, ""
         if what.startswith(DRIFT):
-            over = "" if run_s is None else f", over {run_s / _HOUR_S:.3g} h"
-            lost.append(Loss(what + over, farthest_mg(before, after, grid, ends_s), "h" if run_s is None else ""))
+            degc, time_s, per = grid, end_s, "h" if run_s is None else ""
+            what += "" if run_s is None else f", over {run_s / _HOUR_S:.3g} h"
         elif what.startswith(TEMPERATURE):
-            changed = thermal_part(before), thermal_part(after)
-            over, at = ("", [reference + 1.0]) if span is None else (f", from {span[0]:g} to {span[1]:g} degC", grid)
-            lost.append(Loss(what + over, farthest_mg(*changed, at), "degC" if span is None else ""))
-        else:
-            at = grid if what == _ROUNDING else [reference]
-            lost.append(Loss(what, farthest_mg(before, after, at, start_s)))
+            # Only the thermal terms, because a change of sign in another term would look like a thermal change.
+            first, second = (each.with_terms([t for t in each.terms if t.thermal]) for each in (before, after))
+            degc, per = ([reference + 1.0], "degC") if span is None else (grid, "")
+            what += "" if span is None else f", {over_span}"
+        elif what == _ROUNDING:
+            degc = grid
+        lost.append(Loss(what, farthest_mg(first, second, degc, time_s), per))
         before = after
     lost = [loss for loss in lost if loss.mg > _NOTHING_MG]
     if sum(not loss.per for loss in lost) > 1:
-        where = "at its reference temperature" if span is None else f"from {span[0]:g} to {span[1]:g} degC"
-        lost.append(Loss(f"in total, {where}", farthest_mg(whole, before, grid, start_s if run_s is None else ends_s)))
+        total = farthest_mg(whole, before, grid, start_s if run_s is None else end_s)
+        lost.append(Loss(f"in total, {over_span}", total))
     if target.held_degc is not None and span is not None and "temperature_degc" in before.columns_needed:
         step, words = target.held_degc
-        held = farthest_mg(before, before, [degc for degc in grid if degc + step <= span[1]], start_s, lag_degc=step)
+        held = farthest_mg(before, before, grid[grid + step <= span[1]], start_s, lag_degc=step)
         lost.append(Loss(f"in addition, {words}", held))
     return lost
 
@@ -98,20 +100,15 @@ def _on_the_way(target: Target, export: Export, whole: Calibration, text: str) -
     if device is not None:
         used, words = device(carried, export)
         yield words, used
-    read = target.read(text, export.gravity_ms2).calibration(carried)
+    read = target.read(text, export.gravity_ms2)
     yield _ROUNDING, read if device is None else device(read, export)[0]
-
-
-def thermal_part(calibration: Calibration) -> Calibration:
-    """A calibration with its thermal terms only, because a change of sign in another term would look like a thermal change."""
-    return calibration.with_terms([term for term in calibration.terms if term.thermal])
 
 
 def farthest_mg(
     first: Calibration,
     second: Calibration,
-    temperatures_degc: Sequence[float],
-    time_s: float | None = None,
+    temperatures_degc: Sequence[float] | np.ndarray,
+    time_s: float,
     *,
     lag_degc: float = 0.0,
 ) -> float:
@@ -120,10 +117,8 @@ def farthest_mg(
     directions, degc = attitudes(), np.array(temperatures_degc, float)
     readings = np.tile(directions @ np.linalg.inv(first.matrix).T + first.bias, (len(degc), 1))
     degc = np.repeat(degc, len(directions))
-    forces = [
-        of.corrected(readings, degc + more, time_s, extrapolate=True) for of, more in ((first, 0.0), (second, lag_degc))
-    ]
-    return 1e3 * float(np.max(np.abs(forces[0] - forces[1])))
+    force = first.corrected(readings, degc, time_s, extrapolate=True)
+    return 1e3 * float(np.max(np.abs(force - second.corrected(readings, degc + lag_degc, time_s, extrapolate=True))))
 
 
 def attitudes() -> Float[np.ndarray, "attitudes 3"]:

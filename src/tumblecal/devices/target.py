@@ -1,7 +1,7 @@
 """Targets of an export: writing a calibration, reading it, and the part of a calibration that the format includes."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -9,25 +9,24 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_terms import Term
 from tumblecal.data.sensor_parameters import SensorParameters, leaf_of
-from tumblecal.data.temperature_curves import TemperatureCurves
-from tumblecal.devices.temperature import (
+from tumblecal.devices.over_temperature import (
     at_temperature,
     export_degc,
     of_third_order,
+    table_degc,
     with_curves_of_bias,
 )
-from tumblecal.devices.temperature_table import table_degc
 from tumblecal.ground.errors import InputError
 
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"[A-Za-z]\w*")
-
-
 # Parts of a linear calibration that some formats do not include, and their leaves.
 _LEAVES = {"cross terms": "gamma", "bias": "bias"}
+# What formats include, by the keys of `Target.carries`.
+LINEAR, DIAGONAL = frozenset({"cross terms", "bias"}), frozenset({"bias", "bias temperature"})
+DRIFT, TEMPERATURE, NONLINEAR = "drift", "temperature", "nonlinear terms"
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ class Export:
 class Target:
     """A device or program with a format for calibrations.
 
-    - `write`: text of the file. `read`: matrix, bias (g), terms and curves of such a text, for one g in m/s^2.
+    - `write`: text of the file. `read`: the calibration in such a text, for one g in m/s^2, with unknown uncertainty (zero).
     - `carries`: included parts, of `cross terms`, `bias`, `bias temperature` (third order, within a range), `terms` (all),
       `curves` (of all parameters).
     - `on_device`: the calibration that the device applies, with words on the difference.
@@ -95,10 +94,9 @@ class Target:
     """
 
     name: str
-    suffix: str
     words: str
     write: Callable[[Export], str]
-    read: Callable[[str, float], "Numbers"]
+    read: Callable[[str, float], Calibration]
     carries: frozenset[str]
     source: str
     notes: tuple[str, ...] = ()
@@ -112,8 +110,7 @@ class Target:
 
     def stated(self, calibration: Calibration) -> SensorParameters:
         """The parameters of a calibration that a file of this format states; the others are unknown, not zero."""
-        sensor = calibration.sensor
-        unknown = {_LEAVES[part] for part in self.lacks}
+        sensor, unknown = calibration.sensor, {_LEAVES[part] for part in self.lacks}
         return sensor.of([name for name in sensor.names if leaf_of(name) not in unknown])
 
     def carried(
@@ -123,79 +120,42 @@ class Target:
         at_degc: float | None = None,
     ) -> Calibration:
         """The part of a calibration that the format includes, for a temperature range, and constants at one temperature."""
-        for _, part in reductions(self, calibration, temperatures_degc, at_degc):
-            calibration = part
-        return calibration
-
-
-@dataclass(frozen=True)
-class Numbers:
-    """Numbers in the file of a target: `f = matrix (A - bias)`, bias in g, and terms and curves as in a calibration file.
-
-    `temperature_degc`: the temperature of matrix and bias; None if the format does not state it.
-    """
-
-    matrix: Float[np.ndarray, "3 3"]
-    bias: Float[np.ndarray, "3"]
-    terms: Sequence[Term] = ()
-    temperature: TemperatureCurves | None = None
-    temperature_degc: float | None = None
-
-    def calibration(self, like: Calibration | None = None) -> Calibration:
-        """The numbers as a calibration with unknown uncertainty (a covariance of zeros)."""
-        if like is None:
-            like = Calibration(self.matrix, self.bias, np.zeros((12, 12)), temperature_degc=self.temperature_degc)
-        known = like.parameters if self.temperature is None else None
-        numbers = replace(
-            like, matrix=self.matrix, bias=self.bias, extra={}, temperature=self.temperature, parameters=known
-        )
-        return numbers.with_terms(self.terms)
-
-
-DRIFT, TEMPERATURE, NONLINEAR = "drift", "temperature", "nonlinear terms"
+        return [calibration, *(part for _, part in reductions(self, calibration, temperatures_degc, at_degc))][-1]
 
 
 def reductions(
     target: Target, whole: Calibration, span: tuple[float, float] | None, at_degc: float | None
 ) -> Iterator[tuple[str, Calibration]]:
     """The parts that the target does not include, removed in turn: name, and the calibration without the part."""
-    degc = export_degc(whole, span, at_degc)
-    polynomial = span is not None and "bias temperature" in target.carries
+    degc, carries = export_degc(whole, span, at_degc), target.carries
+    polynomial = span is not None and "bias temperature" in carries
     if whole.temperature is not None and polynomial:
         whole = with_curves_of_bias(whole, degc)
         yield f"{TEMPERATURE} (scale factors and cross terms: values at {degc:.4g} degC)", whole
-    elif whole.temperature is not None and ("curves" not in target.carries or at_degc is not None):
+    elif whole.temperature is not None and ("curves" not in carries or at_degc is not None):
         whole = whole.at(degc, extrapolate=True)
         yield f"{TEMPERATURE} (all parameters: values at {degc:.4g} degC)", whole
-    # No target has the time since the start of the run.
-    for what, group in _by_effect(DRIFT, [term for term in whole.terms if term.per_hour]):
-        whole = whole.with_terms([term for term in whole.terms if term not in group])
+    # No target has the time since the start of the run. Terms are removed by effect, first drift, then those of temperature.
+    lost = dict[str, list]()
+    for term in whole.terms:
+        kind = DRIFT if term.per_hour else TEMPERATURE if term.thermal else NONLINEAR
+        if term.per_hour or ("terms" not in carries and not (polynomial and term.thermal and term.of_bias)):
+            lost.setdefault(f"{kind} ({term.effect})" if term.effect else kind, []).append(term)
+    for what, terms in sorted(
+        lost.items(), key=lambda item: (DRIFT, TEMPERATURE, NONLINEAR).index(item[0].split(" (")[0])
+    ):
+        kept = [term for term in whole.terms if term not in terms]
+        whole = whole.with_terms(kept) if terms[0].per_hour else at_temperature(whole, degc, terms)
         yield what, whole
-    if whole.terms and "terms" not in target.carries:
-        thermal = [term for term in whole.terms if term.thermal and not (polynomial and term.of_bias)]
-        for what, group in (*_by_effect(TEMPERATURE, thermal), *_by_effect(NONLINEAR, _not_thermal(whole))):
-            whole = at_temperature(whole, degc, group)
-            yield what, whole
     if span is not None and polynomial and "temperature_degc" in whole.columns_needed:
         whole = of_third_order(whole, span, degc)
         yield f"{TEMPERATURE}, above third order", whole
-    if "cross terms" not in target.carries:
+    if "cross terms" not in carries:
         whole = replace(whole, matrix=np.diag(np.diag(whole.matrix)))
         yield "cross terms (off the matrix' diagonal)", whole
-    if "bias" not in target.carries:
+    if "bias" not in carries:
         whole = replace(whole, bias=np.zeros(3))
         yield "the bias", whole
-
-
-def _not_thermal(calibration: Calibration) -> list[Term]:
-    return [term for term in calibration.terms if not term.thermal]
-
-
-def _by_effect(what: str, terms: Sequence[Term]) -> list[tuple[str, list[Term]]]:
-    """Terms grouped by effect, with words for each group."""
-    effects = dict.fromkeys(term.effect for term in terms)
-    groups = [(effect, [term for term in terms if term.effect == effect]) for effect in effects]
-    return [(f"{what} ({effect})" if effect else what, group) for effect, group in groups]
 
 
 def numbers_after(text: str, key: str, count: int) -> Float[np.ndarray, " count"]:
@@ -216,22 +176,11 @@ def numbers_after(text: str, key: str, count: int) -> Float[np.ndarray, " count"
     return np.array([float(match[0]) for match in found])
 
 
-def inverse(matrix: Float[np.ndarray, "3 3"], name: str) -> Float[np.ndarray, "3 3"]:
-    """The inverse of a matrix with this name in a file.
-
-    **Raises:** `InputError` for a singular matrix.
-    """
-    try:
-        return np.linalg.inv(matrix)
-    except np.linalg.LinAlgError as error:
-        raise InputError(f"{name} cannot be inverted") from error
-
-
-def listed(values: np.ndarray, *, float32: bool = False) -> str:
-    """Numbers separated by commas, with full precision of the type."""
-    return ", ".join(number(value, float32=float32) for value in np.ravel(values))
-
-
 def number(value: float, *, float32: bool = False) -> str:
     """A number as text with full precision."""
     return f"{np.float32(value):.9g}" if float32 else repr(float(value))
+
+
+def listed(values: np.ndarray) -> str:
+    """Numbers separated by commas, with full precision."""
+    return ", ".join(map(number, np.ravel(values).tolist()))

@@ -296,4 +296,4 @@ class Diagnosis(Pickled, Shown):
 
     def save(self, path: Path | str) -> None:
         """Write `calibration.json` of the extended model. Raises `InputError` if it has none."""
-        function_named("lab.diagnosed_use.save_extended")(Path(path), self)
+        function_named("lab.diagnosed.save_extended")(Path(path), self)

@@ -84,7 +84,7 @@ class Calibrated(Pickled, Shown):
 
     @cached_property
     def _judged(self) -> tuple[tuple[Judgement, ...], Use]:
-        return function_named("lab.judgements.judged")(self)
+        return function_named("lab.use.judged")(self)
 
     @property
     def judgements(self) -> tuple[Judgement, ...]:

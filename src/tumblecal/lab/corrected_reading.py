@@ -17,8 +17,7 @@ from tumblecal.data.calibration_terms import Term, contributions
 from tumblecal.effects import Catalogue
 from tumblecal.full_model.effect_directions import UndetectedEffects
 from tumblecal.full_model.full_model import FullModel
-from tumblecal.ground.axes import AXES
-from tumblecal.lab.effect_forms import term_of_form
+from tumblecal.lab.terms import term_of_form
 
 
 # Directions of gravity at which readings are compared: faces, edges and corners of a cube.
@@ -32,28 +31,43 @@ def with_undetected(
     slope: Float[np.ndarray, "entries names"],
     covariance: Float[np.ndarray, "names names"],
     undetected: UndetectedEffects,
-    responses: Float[np.ndarray, "directions points 3"],
+    model: FullModel,
+    entries: Catalogue,
+    where: Where,
+    reference_degc: float | None,
 ) -> Float[np.ndarray, "entries entries"]:
     """The covariance of matrix, bias and terms for corrected readings.
 
     **Arguments:**
 
     - `slope`: of matrix, bias (`ORDER`) and terms by the parameters. `covariance`: of these, undetected effects included.
-    - `undetected`: their shifts of the parameters. `responses`: as `responses` gives them.
+    - `undetected`: their shifts of the parameters, of the directions of `model`. `where`: settings of the data.
+    - `reference_degc`: temperature for which the parameters are meant.
     """
     covariance = slope @ covariance @ slope.T
-    if not len(responses):
+    ids, columns, terms = undetected.effects, list[int](), list[Term]()
+    for slot in {slot.id: slot for slot in model.slots if slot.id in ids}.values():
+        for form, column in zip(entries[slot.id].forms, slot.columns, strict=False):
+            # At the time of the reference a drift is zero.
+            if not form.get("per_hour"):
+                thermal = "reference_degc" in form and reference_degc is not None
+                stated = form | ({"reference_degc": reference_degc} if thermal else {})
+                terms.append(term_of_form(stated, where, effect=slot.id))
+                columns.append(column)
+    if not len(undetected.steps):
         return covariance
-    inputs = np.tile(DIRECTIONS, (responses.shape[1] // len(DIRECTIONS), 1))
+    degc = None if where.temperature_degc is None else np.asarray(where.temperature_degc)
+    inputs, signals = _signals(terms, degc)
+    sizes = undetected.steps[:, columns] * model.scales[columns] * ~undetected.named[:, None]
+    responses = np.tensordot(signals, sizes, (0, 1)).transpose(1, 0, 2)  # axis, point, direction
     regressors = np.column_stack([np.ones(len(inputs)), inputs])
-    fitted = np.linalg.pinv(regressors) @ responses.transpose(2, 1, 0)  # axis, (1, u), direction
-    remainder, products = responses.transpose(2, 1, 0) - regressors @ fitted, undetected.products
+    fitted = np.linalg.pinv(regressors) @ responses  # axis, (1, u), direction
+    remainder, products = responses - regressors @ fitted, undetected.products
     moved = slope @ undetected.shifts
     corrected = moved.copy()
-    for axis in range(len(AXES)):
-        # A reading is the inverse of the matrix times the force, and the bias: a slope takes from the matrix.
-        corrected[3 * axis : 3 * axis + 3] -= fitted[axis, 1:]
-        corrected[9 + axis] += fitted[axis, 0]
+    # A reading is the inverse of the matrix times the force, and the bias: a slope takes from the matrix.
+    corrected[:9] -= fitted[:, 1:].reshape(9, -1)
+    corrected[9:12] += fitted[:, 0]
     covariance = without_negative(covariance - moved @ products @ moved.T, covariance)
     covariance += corrected @ products @ corrected.T
     missed = np.einsum("kpi,kpi->k", remainder @ products, remainder) / len(inputs)
@@ -72,34 +86,6 @@ def without_negative(
     return root @ root.T
 
 
-def responses(
-    undetected: UndetectedEffects,
-    model: FullModel,
-    entries: Catalogue,
-    where: Where,
-    reference_degc: float | None,
-) -> Float[np.ndarray, "directions points 3"]:
-    """Contribution of each direction of the undetected effects that a file could contain to the readings, at points of the
-    sphere and of the temperature range, g; none without such effects.
-
-    `reference_degc`: temperature for which the parameters are meant.
-    """
-    ids, columns, terms = undetected.effects, list[int](), list[Term]()
-    for slot in {slot.id: slot for slot in model.slots if slot.id in ids}.values():
-        for form, column in zip(entries[slot.id].forms, slot.columns, strict=False):
-            # At the time of the reference a drift is zero.
-            if not form.get("per_hour"):
-                thermal = "reference_degc" in form and reference_degc is not None
-                stated = form | ({"reference_degc": reference_degc} if thermal else {})
-                terms.append(term_of_form(stated, where, effect=slot.id, determined=False))
-                columns.append(column)
-    span = spanned(None if where.temperature_degc is None else np.asarray(where.temperature_degc))
-    points = len(DIRECTIONS) * (1 if span is None else len(span))
-    signals = contributions(terms, DIRECTIONS, span).reshape(len(terms), points, 3)
-    sizes = undetected.steps[:, columns] * model.scales[columns] * ~undetected.named[:, None]
-    return np.tensordot(sizes, signals, 1)
-
-
 def expanded_uncertainty(
     matrix: Float[np.ndarray, "3 3"],
     covariance: Float[np.ndarray, "entries entries"],
@@ -115,22 +101,24 @@ def expanded_uncertainty(
     - `covariance`: of matrix and bias (`ORDER`), then of the coefficients of `terms`, in the units of the file.
     - `dof`: degrees of freedom of an estimated noise: the factor is that of Student's t.
     """
-    signals = contributions(terms, DIRECTIONS, spanned(temperature_degc))
-    signals = signals.reshape(len(terms), signals.shape[1] * len(DIRECTIONS), 3)
-    readings = np.tile(DIRECTIONS @ np.linalg.inv(matrix).T, (signals.shape[1] // len(DIRECTIONS), 1))
+    inputs, signals = _signals(terms, temperature_degc)
     # f_r = sum_c matrix_rc (A_c - bias_c - terms_c): derivative by the row of the matrix, the bias, and the terms.
-    slope = np.zeros((len(readings), 3, len(covariance)))
-    for row in range(3):
-        slope[:, row, 3 * row : 3 * row + 3] = readings
-    slope[:, :, 9:12] = -matrix
-    slope[:, :, 12:] = -np.einsum("rc,kpc->prk", matrix, signals)
+    of_matrix = np.kron(np.eye(3), inputs @ np.linalg.inv(matrix).T).reshape(3, len(inputs), 9).transpose(1, 0, 2)
+    of_bias = np.broadcast_to(-matrix, (len(inputs), 3, 3))
+    slope = np.concatenate([of_matrix, of_bias, -np.einsum("rc,kpc->prk", matrix, signals)], axis=2)
     variance = np.einsum("nrp,pq,nrq->nr", slope, covariance, slope)
     factor = float(stdtrit(min(max(dof, 1.0), 1e9), 0.5 + _INSIDE / 2))
     return factor * float(np.sqrt(np.max(variance)))
 
 
-def spanned(temperature_degc: Float[np.ndarray, " positions"] | None) -> Float[np.ndarray, " 3"] | None:
-    """Lowest, mean and highest measured temperature."""
-    if temperature_degc is None:
-        return None
-    return np.array([np.min(temperature_degc), np.mean(temperature_degc), np.max(temperature_degc)])
+def _signals(
+    terms: Sequence[Term], temperature_degc: Float[np.ndarray, " positions"] | None
+) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "terms points 3"]]:
+    """The directions of gravity at the lowest, mean and highest measured temperature, and the change of the readings there by
+    one unit of each term's coefficient."""
+    span = temperature_degc
+    if span is not None:
+        span = np.array([np.min(span), np.mean(span), np.max(span)])
+    signals = contributions(terms, DIRECTIONS, span)
+    inputs = np.tile(DIRECTIONS, (signals.shape[1], 1))
+    return inputs, signals.reshape(len(terms), len(inputs), 3)

@@ -2,27 +2,59 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration import ORDER, Calibration
+from tumblecal.data.calibration import ORDER, Calibration, write_calibration
 from tumblecal.data.calibration_terms import WITH_TERMS
+from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR, correction_slope, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS, UNDETECTED
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.findings.determined import combinations
-from tumblecal.diagnosis.findings.model_average import Average, Weighed, is_thermal
+from tumblecal.diagnosis.findings.determined import combinations, says_something
+from tumblecal.diagnosis.findings.model_average import Weighed, is_thermal
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.intrinsic import sensor_of
+from tumblecal.estimation.intrinsic import one_sensor, sensor_of
 from tumblecal.estimation.linear_calibration import linear_calibration
-from tumblecal.lab.corrected_reading import expanded_uncertainty, responses, with_undetected
-from tumblecal.lab.diagnosed_use import not_written, use_of_diagnosis
-from tumblecal.lab.effect_forms import require_forms
-from tumblecal.lab.sensor_terms import FittedEffect, SensorTerms, Signal, terms_of_chain
+from tumblecal.ground.errors import InputError
+from tumblecal.lab.corrected_reading import expanded_uncertainty, with_undetected
+from tumblecal.lab.terms import FittedEffect, SensorTerms, Signal, require_forms, terms_of_chain
+from tumblecal.lab.use import use_of_diagnosis
+
+
+def save_extended(path: Path, diagnosis: Diagnosis) -> None:
+    """Write the `calibration.json` of the extended model.
+
+    **Raises:** `InputError` if there is none, with the reason.
+    """
+    if diagnosis.calibration is None:
+        raise InputError(f"{diagnosis.data.source}: no calibration to save: {not_written(diagnosis)}")
+    write_calibration(path, diagnosis.calibration)
+
+
+def not_written(diagnosis: Diagnosis) -> str:
+    """Why a diagnosis writes no calibration; "" if it writes one."""
+    fit = diagnosis.extended
+    if diagnosis.setup_errors:
+        labels = ", ".join(dict.fromkeys(error.label for error in diagnosis.setup_errors))
+        return f"the data must be corrected first ({labels})"
+    if not fit.code.good:
+        return "the exact fit did not converge"
+    if not says_something(fit, diagnosis.model.nominal):
+        return "some parameters are not determined together with the causes found"
+    return "" if one_sensor(fit) else "the model has no single sensor (dK, bias and gamma, one for all data)"
+
+
+def diagnosed_use(diagnosis: Diagnosis) -> Use:
+    """The use of the calibration of a diagnosis; `no` if none is written."""
+    if diagnosis.calibration is None:
+        return Use("no", f"no calibration is written: {not_written(diagnosis)}")
+    return diagnosis.calibration.use
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
@@ -37,23 +69,29 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if not_written(diagnosis):
         return None
     average, degc, known = diagnosis.in_use, diagnosis.data.temperature_degc, diagnosis.problem.known
-    used = average.as_fit
-    terms = _terms(diagnosis, used, _as_written(average))
+    used, undetected = average.as_fit, average.undetected
+    # With the written values: a missing coefficient counts as zero in the mean.
+    written = [
+        replace(one, fit=replace(one.fit, values=np.array([average.value(name) for name in one.fit.names])))
+        for one in average.weighed
+    ]
+    terms = _terms(diagnosis, used, written)
     reference = _reference(diagnosis, terms)
     estimated = terms.by_name if terms.by_name.keys() <= {*average.names} else {}
-    at_degc = reference.get("temperature_degc")
-    missed = responses(average.undetected, diagnosis.model, diagnosis.entries, diagnosis.problem.where, at_degc)
     # Derivative of matrix, bias (`ORDER`) and terms, in the units of the file, by the parameters. A fixed parameter has no
     # column, and the model counts time in seconds.
     sensor, of_terms = (np.array(names, str)[:, None] == np.array(average.names) for names in (SENSOR, [*estimated]))
     scales = np.array([3600.0 if term.per_hour else 1.0 for term in estimated.values()])
     slope = np.vstack([correction_slope(sensor_of(used).values) @ sensor, scales[:, None] * of_terms])
-    covariance = with_undetected(slope, average.covariance, average.undetected, missed)
+    where, at_degc = diagnosis.problem.where, reference.get("temperature_degc")
+    covariance = with_undetected(
+        slope, average.covariance, undetected, diagnosis.model, diagnosis.entries, where, at_degc
+    )
     linear = linear_calibration(used)
     expanded_g = expanded_uncertainty(
         linear.matrix,
         covariance,
-        terms=list(estimated.values()),
+        terms=[*estimated.values()],
         temperature_degc=degc,
         dof=np.inf if known else float(used.dof),
     )
@@ -68,34 +106,24 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
         PARTS: {
             part: {name: float(sizes[k]) for name, k in of_sensor.items()} for part, sizes in average.parts.items()
         },
-        UNDETECTED: sorted(average.undetected.effects),
+        UNDETECTED: sorted(undetected.effects),
         "reference": reference,
     }
     if diagnosis.noise_words and not known:
         provenance["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
     if several:
         provenance["averaged_over"] = [{"causes": list(one.labels), "probability": one.share} for one in several]
-    calibration = terms.put_into(
-        replace(
-            linear,
-            covariance=covariance[: len(ORDER), : len(ORDER)],
-            provenance=linear.provenance | provenance,
-            use=use_of_diagnosis(diagnosis, terms, expanded_g, each),
-        ),
-        degc,
+    calibration = replace(
+        linear,
+        covariance=covariance[: len(ORDER), : len(ORDER)],
+        provenance=linear.provenance | provenance,
+        use=use_of_diagnosis(diagnosis, terms, expanded_g, each),
     )
+    calibration = terms.put_into(calibration, degc)
     if not estimated:
         return calibration
     together = {"order": [*ORDER, *estimated], "covariance": covariance.tolist()}
     return replace(calibration, extra=calibration.extra | {WITH_TERMS: together})
-
-
-def _as_written(average: Average) -> list[Weighed]:
-    """The explanations with the written values: a missing coefficient counts as zero in the mean."""
-    return [
-        replace(one, fit=replace(one.fit, values=np.array([average.value(name) for name in one.fit.names])))
-        for one in average.weighed
-    ]
 
 
 def _reference(diagnosis: Diagnosis, terms: SensorTerms) -> dict[str, Any]:
@@ -107,26 +135,22 @@ def _reference(diagnosis: Diagnosis, terms: SensorTerms) -> dict[str, Any]:
     terms have several reference temperatures, there is no single one.
     """
     data, entries, reference = diagnosis.data, diagnosis.entries, dict[str, Any]()
-    explanations = diagnosis.in_use.weighed
-    found = {cause.label for one in explanations for cause in one.members}
-    given = {loss.effect for loss in terms.not_applied} - found
+    causes = [(one.fit, cause) for one in diagnosis.in_use.weighed for cause in one.members]
+    given = terms.lacking.keys() - {cause.label for _, cause in causes}
     # Several clocks have no common time.
     one_clock = data.time_s is not None and data.clock is None
     if one_clock and not any("time_s" in entries[id].needs for id in given if id in entries):
-        time = np.asarray(data.time_s)
-        timed = [(cause.slot, one.fit) for one in explanations for cause in one.members if "time_s" in cause.slot.needs]
-        bends, decayed = False, set[str]()
-        for slot, fit in timed:
+        time, bends, decayed = np.asarray(data.time_s), False, set[str]()
+        for fit, slot in [(fit, cause.slot) for fit, cause in causes if "time_s" in cause.slot.needs]:
             names = [name for column, name in zip(slot.all_columns, slot.names, strict=True) if column in slot.shape]
-            short = any(fit.value(name) <= np.ptp(time) for name in names)
-            bends |= slot.order > 1 or (bool(names) and not short)
-            decayed |= {slot.id} if short else set()
-        reference |= (
-            {"mean_over_s": [float(time.min()), float(time.max())]} if bends else {"time_s": float(time.mean())}
-        )
-        reference |= {"without": sorted(decayed)} if decayed else {}
+            if any(fit.value(name) <= np.ptp(time) for name in names):
+                decayed.add(slot.id)
+                names = []
+            bends |= slot.order > 1 or bool(names)
+        stated = {"mean_over_s": [float(time.min()), float(time.max())]} if bends else {"time_s": float(time.mean())}
+        reference |= stated | ({"without": sorted(decayed)} if decayed else {})
     if data.temperature_degc is not None:
-        references = {term.reference_degc for term in terms.listed if term.thermal}
+        references = {term.reference_degc for term in terms.by_name.values() if term.thermal}
         if terms.curves is not None:
             references = {terms.curves.reference_degc}
         elif not references:

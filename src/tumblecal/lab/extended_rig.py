@@ -11,12 +11,15 @@ from tumblecal.chain.rig_temperature import temperature_content
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.effects.catalogue import first_link
 from tumblecal.ground.strict_toml import toml_lines
-from tumblecal.lab.diagnosed_use import not_written
-from tumblecal.lab.sensor_terms import effects_in
+from tumblecal.lab.diagnosed import not_written
+from tumblecal.lab.terms import effects_in
 
 
 NAME = "extended_rig.toml"
 _COMMENT = "# The model that tumblecal diagnose found, for `tumblecal simulate`, `calibrate --rig` and `study`."
+# Columns of the plan in addition to the angles, and their attributes in a `PositionSet`.
+_COLUMNS = {"name": "names", "alpha_deg": "alpha_deg", "beta_deg": "beta_deg"}
+_COLUMNS |= {name: name for name in ("mount", "run", "time_s", "temperature_degc", "approach")}
 
 
 def extended_rig_text(diagnosis: Diagnosis) -> str:
@@ -26,30 +29,20 @@ def extended_rig_text(diagnosis: Diagnosis) -> str:
 
     Faults of positions and labels are no part of it: the file is the model of the data as corrected.
     """
-    chain, data, where = diagnosis.chain, diagnosis.data, diagnosis.problem.where
-    if not_written(diagnosis) or chain.of_positions or any(not cause.named for cause in diagnosis.members):
+    chain, data, where, members = diagnosis.chain, diagnosis.data, diagnosis.problem.where, diagnosis.members
+    if not_written(diagnosis) or chain.of_positions or any(not cause.named for cause in members):
         return ""
-    for slot in [cause.slot for cause in diagnosis.members if cause.slot.columns]:
+    for slot in [cause.slot for cause in members if cause.slot.columns]:
         named = first_link(diagnosis.entries[slot.id], where)
         if jax.tree.structure(slot.links) != jax.tree.structure((named,)):
             return ""
-    names = {link.kind: name for name, link in LINKS.items()}
+    names, truth = {link.kind: name for name, link in LINKS.items()}, dict[str, Any]()
     changes = {leaf.change.name for leaf in followings_of(chain)}
-    truth = dict[str, Any]()
     for leaf in chain.parameters:
         if leaf.name not in changes:
             values = np.asarray(leaf.value, float).ravel().tolist()
             truth[leaf.name] = {"value": values if len(values) > 1 else values[0], "unit": leaf.unit}
-    columns = {
-        "name": data.names,
-        "alpha_deg": data.alpha_deg.tolist(),
-        "beta_deg": data.beta_deg.tolist(),
-        "mount": data.mount,
-        "run": data.run,
-        "time_s": data.time_s,
-        "temperature_degc": data.temperature_degc,
-        "approach": data.approach,
-    }
+    columns = {name: getattr(data, of) for name, of in _COLUMNS.items()}
     stated = {name: np.asarray(column).tolist() for name, column in columns.items() if column is not None}
     content = {
         "schema": "tumblecal.rig/1",

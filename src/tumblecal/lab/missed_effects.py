@@ -38,12 +38,10 @@ class MissedEffects(NamedTuple):
     """The outcome for one fit.
 
     - `p_value`: upper bound, that data without an effect contradict the model as much; None if the residuals can show none.
-    - `leading`: id of the effect with the largest evidence; "" without a test.
     - `undetected`: shifts of the parameters `SENSOR` (base units) by effects that the data allow. `model`: of its directions.
     """
 
     p_value: float | None
-    leading: str
     undetected: UndetectedEffects
     model: FullModel
 
@@ -70,15 +68,15 @@ def missed_effects(fit: Fit, entries: Catalogue) -> MissedEffects:
             for numbers, columns in model.layout.by_width.values()
         ]
         z = at.residual - basis @ (basis.T @ at.residual)
-        p_value, leading = _tested(model, groups, z, fit)
+        p_value = _tested(model, groups, z, fit)
         directions = effect_directions(at, groups, entries)
         directions = directions.only(~directions.of(NOT_CONSIDERED))
         undetected = _undetected(at, fit, directions, remaining, z, np.linalg.pinv(nominal, rcond=1e-9))
-    return MissedEffects(p_value, leading, undetected, model)
+    return MissedEffects(p_value, undetected, model)
 
 
-def _tested(model: FullModel, groups: _Groups, z: Float[np.ndarray, " rows"], fit: Fit) -> tuple[float | None, str]:
-    """The test: its p-value, and the leading effect."""
+def _tested(model: FullModel, groups: _Groups, z: Float[np.ndarray, " rows"], fit: Fit) -> float | None:
+    """The p-value of the test."""
     known, numbers, scores = fit.problem.known, list[int](), list[float]()
     total = float(z @ z)
     for slots, seen in groups:
@@ -89,10 +87,10 @@ def _tested(model: FullModel, groups: _Groups, z: Float[np.ndarray, " rows"], fi
         scores += log_evidence(totals, [(explained[shown], ranks[shown])], fit.dof, known).tolist()
         numbers += slots[shown].tolist()
     if not np.any(np.isfinite(scores)):
-        return None, ""
+        return None
     weighted = np.array(scores) + model.layout.log_shares(np.array(numbers, int))
     log_factor = float(np.asarray(logsumexp(weighted))) - float(log_evidence_of_noise(np.array(total), fit.dof, known))
-    return float(np.exp(-max(log_factor, 0.0))), model.slots[numbers[int(np.argmax(weighted))]].id
+    return float(np.exp(-max(log_factor, 0.0)))
 
 
 def _undetected(

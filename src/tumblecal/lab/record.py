@@ -26,7 +26,7 @@ from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.setup.error import SetupErrorRecord
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.record import LEFT_OUT, Estimate, Estimates, ResultRecord, at, estimates, rows
-from tumblecal.lab.sensor_terms import terms_of_chain
+from tumblecal.lab.terms import terms_of_chain
 
 
 # Pairs of parameters whose correlation is above this are listed.
@@ -182,21 +182,26 @@ def write_calibrated(folder: Path, calibrated: Calibrated, stated: Mapping[str, 
     **Returns:** their names.
     """
     CalibratedRecord.of(calibrated).write(folder / "result.json")
-    exact, level, scatter, floor = calibrated.exact, calibrated.level, calibrated.scatter, calibrated.floor
-    if not exact.code.good or not one_sensor(exact):
+    level, scatter, floor = calibrated.level, calibrated.scatter, calibrated.floor
+    if (calibration := written_calibration(calibrated)) is None:
         return ["result.json"]
     noise = {
         "stated_noise": level and level.words,
         "attitude_scatter_rad": scatter and scatter.tilt_rad,
         "between_position_sd_g": floor and floor.floor_g,
     }
-    calibration = calibration_of(exact, calibrated.entries)
     provenance = {key: entry for key, entry in noise.items() if entry is not None} | dict(stated or {})
-    write_calibration(
-        folder / "calibration.json",
-        replace(calibration, provenance=calibration.provenance | provenance, use=calibrated.use),
-    )
+    calibration = replace(calibration, provenance=calibration.provenance | provenance)
+    write_calibration(folder / "calibration.json", calibration)
     return ["result.json", "calibration.json"]
+
+
+def written_calibration(calibrated: Calibrated) -> Calibration | None:
+    """The calibration that is written; None if the exact fit did not converge, or is of more or less than one sensor."""
+    exact = calibrated.exact
+    if not exact.code.good or not one_sensor(exact):
+        return None
+    return replace(calibration_of(exact, calibrated.entries), use=calibrated.use)
 
 
 def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | None = None) -> None:

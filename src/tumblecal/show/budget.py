@@ -36,7 +36,7 @@ def words_of_budget(budget: Budget, checked: MonteCarlo | None, notes: Sequence[
         source=Path(budget.fit.data.source).name,
         best=int(np.argmax(gains)),
         gain=float(np.max(gains)),
-        type_b=np.linalg.norm(budget.sizes, axis=0),
+        type_b=np.linalg.norm(budget.table[1:], axis=0),
         dominant=[budget.sources[number] for number in np.argmin(without, axis=0)],
         least=np.min(without, axis=0),
         triad=zip(triad.names, triad.units, triad.values, triad.sd, strict=True) if triad else (),

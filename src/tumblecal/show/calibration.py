@@ -11,14 +11,12 @@ from tumblecal.data.position_comments import identity_words
 from tumblecal.data.source_of import digest_of
 from tumblecal.estimation.contradicted import UNLIKELY
 from tumblecal.estimation.curves_of_fit import Reported, reported
-from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
-from tumblecal.lab.judgements import remedy_words
-from tumblecal.lab.limits import NO_GRAVITY
-from tumblecal.lab.record import STRONG_CORRELATION, calibration_of, strong_correlations
-from tumblecal.lab.sensor_terms import effects_in, held_words, lacking_of_fit
+from tumblecal.lab.record import STRONG_CORRELATION, strong_correlations, written_calibration
+from tumblecal.lab.terms import effects_in, held_words, lacking_words
+from tumblecal.lab.use import NO_GRAVITY, remedy_words
 from tumblecal.show.fit import TITLES, fit_words
 from tumblecal.show.verdict import WIDTH, verdict_lines
 from tumblecal.show.words import Words, words_of
@@ -33,7 +31,7 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
     """The words of a calibration; `file`: its `calibration.json`, for suggested commands."""
     exact, entries = calibrated.exact, calibrated.entries
     data, chain, where = exact.data, exact.problem.chain, exact.problem.where
-    stated, remedy = reported(exact), remedy_words(exact)
+    stated, remedy, written = reported(exact), remedy_words(exact), written_calibration(calibrated)
     differences = _differences(calibrated, stated)
     advice = [*(each.advice for each in calibrated.judgements), f"{remedy}." if remedy else ""]
     parts = [command_at_end(words) for words in advice]
@@ -54,9 +52,9 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
         mountings=mounting_words(turns_of(chain, where)),
         following=[leaf for leaf in followings_of(chain) if leaf.change.free],
         warmed_degc=warmed_degc if warmed_degc >= _MUCH_DEGC else 0.0,
-        held=list(held_words(exact, chain, entries)),
-        lacking=list(lacking_of_fit(exact, entries)),
-        lacking_of_sensor=list(lacking_of_fit(exact, entries, of_sensor=True)),
+        held=held_words(written),
+        lacking=lacking_words(written),
+        lacking_of_sensor=lacking_words(written, of_sensor=True),
         no_gravity=NO_GRAVITY,
         unlikely=UNLIKELY,
         estimates=zip(stated.names, stated.units, stated.values, stated.sd, strict=True),
@@ -69,7 +67,7 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
         titles=TITLES,
         pairs=strong_correlations(exact),
         strong=STRONG_CORRELATION,
-        applied=calibration_of(exact, calibrated.entries) if exact.code.good and one_sensor(exact) else None,
+        applied=written,
         file=file,
         sha256=digest_of(data.source),
         now=datetime.now(UTC),

@@ -24,10 +24,10 @@ from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.atomic import writable_folder, write_texts
 from tumblecal.ground.json_file import json_text
-from tumblecal.lab.diagnosed_use import diagnosed_use, lacking_of_diagnosis
+from tumblecal.lab.diagnosed import diagnosed_use
 from tumblecal.lab.extended_rig import NAME as EXTENDED_RIG
 from tumblecal.lab.extended_rig import extended_rig_text
-from tumblecal.lab.sensor_terms import held_words
+from tumblecal.lab.terms import held_words, lacking_words
 from tumblecal.plan.next.record import DiagnosisWithPlanRecord
 from tumblecal.planning import NextPlan
 from tumblecal.show.fit import fit_words
@@ -104,8 +104,10 @@ def words_of_diagnosis(
         named=named,
         advice=advice,
         mountings=mounting_words(diagnosis.mountings),
-        held=list(held_words(diagnosis.extended, diagnosis.model.nominal_chain, diagnosis.entries)),
-        missed=list(lacking_of_diagnosis(diagnosis)),
+        held=held_words(
+            diagnosis.calibration, [cause.label for one in diagnosis.in_use.weighed for cause in one.members]
+        ),
+        missed=lacking_words(diagnosis.calibration, of_sensor=True),
         within_dwells=diagnosis.data.comments.get(WITHIN_DWELLS),
         harm=harm,
         largest_harm=sorted(largest, reverse=True)[:_MOST_LISTED],

@@ -74,10 +74,9 @@ def budget(
     """
     command.begin()
     from tumblecal.budget.budget import budget_of
-    from tumblecal.budget.budget_file import considered_inputs
+    from tumblecal.budget.inputs import considered_inputs, planned_fit
     from tumblecal.budget.monte_carlo import monte_carlo
     from tumblecal.budget.of_diagnosis import with_diagnosis
-    from tumblecal.budget.planned_fit import planned_fit
     from tumblecal.cli.positions_read import measured_fit
     from tumblecal.cli.read_model import read_model
     from tumblecal.show.budget import budget_lines, write_budget

@@ -47,9 +47,7 @@ def certificate(
         Certificate for a calibration with `use: no` or `not tested`; the certificate states so. Default: an error.
     """
     from tumblecal.certificate.admin import item_elsewhere, measured_elsewhen, read_admin, read_limits, require_unit
-    from tumblecal.certificate.dcc import dcc_text
     from tumblecal.certificate.results import results_of
-    from tumblecal.ground.atomic import write_text
     from tumblecal.ground.option_texts import numbers
     from tumblecal.show.certificate import words_of_certificate, write_certificate
 
@@ -66,8 +64,7 @@ def certificate(
     elsewhen = measured_elsewhen(stated.performance, calibration, str(folder / "calibration.json"))
     out = out or folder
     with results(out, _SET, [admin, limits, budget]) as aside:
-        write_certificate(aside / "certificate.html", stated, certified, source)
-        write_text(aside / "dcc.xml", dcc_text(stated, certified, source))
+        write_certificate(aside, stated, certified, source)
     words = words_of_certificate(certified, admin, elsewhen, stated_degc=temperatures is not None)
     warn(folder, words.lines("warnings"))
     print_folded(

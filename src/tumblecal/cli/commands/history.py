@@ -71,7 +71,7 @@ def history(
     """
     from tumblecal.cli.history_actions import UNUSED, add_results, evaluate, restore
     from tumblecal.history.database import checked, listed
-    from tumblecal.history.named import require_named
+    from tumblecal.history.folders import require_named
     from tumblecal.history.repeatability import limits_of
     from tumblecal.show.history_list import damage_lines, list_text
 

@@ -12,7 +12,7 @@ from tumblecal.show.figures.drawing import COLOURS, MUTED, new_rows, with_legend
 def shares_figure(budget: Budget) -> Figure:
     """Share of each contribution in the variance of each parameter."""
     shown = budget.fit.shared
-    shares = 100 * (np.vstack([budget.type_a, budget.sizes])[:, shown] / budget.combined[shown]) ** 2
+    shares = 100 * (budget.table[:, shown] / budget.combined[shown]) ** 2
     figure, panel = new_rows([budget.names[j] for j in shown], 0.24, "share of the variance / %")
     ends = np.cumsum(shares, axis=0)
     for label, share, end, colour in zip(budget.sources, shares, ends, cycle((MUTED, *COLOURS)), strict=False):
