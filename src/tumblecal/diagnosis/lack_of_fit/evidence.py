@@ -147,19 +147,27 @@ def one_curve(
     separate = np.linalg.solve(scale * whole + np.eye(inner.size), scale * inner.ravel()).reshape(inner.shape)
     # From the direction in which the curves of each field lie most.
     direction = np.linalg.eigh(separate.T @ separate)[1][:, -1]
-    for climb in range(_CLIMBS + 1):
-        curve = best_curve((products @ direction).swapaxes(1, 2) @ direction, inner @ direction, z, known)
-        # Products with each other of the curve's signals in each field.
-        half = products.swapaxes(2, 3) @ curve.coefficients
-        moved = np.tensordot(curve.coefficients, half, 1)
-        if climb == _CLIMBS:
-            break
+    curve, moved = _in_direction(products, inner, direction, z, known)
+    for _ in range(_CLIMBS):
         squares, turn = np.linalg.eigh(moved)
         kept = squares > _LEAST_SQUARE * squares[-1]
         shares = turn[:, kept] @ ((curve.coefficients @ inner @ turn)[kept] / squares[kept])
         # If nothing is explained there is no direction.
         if (norm := float(np.linalg.norm(shares))) > 0.0:
             direction = shares / norm
+        curve, moved = _in_direction(products, inner, direction, z, known)
     across = np.eye(fields) - np.outer(direction, direction)
     information = np.eye(fields) + across @ moved @ across / curve.variance
     return direction, curve.log_evidence - 0.5 * float(np.linalg.slogdet(information)[1])
+
+
+def _in_direction(
+    products: Float[np.ndarray, "signals fields signals fields"],
+    inner: Float[np.ndarray, "signals fields"],
+    direction: Float[np.ndarray, " fields"],
+    z: Float[np.ndarray, " nu"],
+    known: bool,
+) -> tuple[Curve, Float[np.ndarray, "fields fields"]]:
+    """The best curve with the fields in one direction, and the products with each other of its signals in each field."""
+    curve = best_curve((products @ direction).swapaxes(1, 2) @ direction, inner @ direction, z, known)
+    return curve, np.tensordot(curve.coefficients, products.swapaxes(2, 3) @ curve.coefficients, 1)

@@ -49,9 +49,7 @@ def _group_words(sd: Float[np.ndarray, " groups"], names: tuple[str, ...], probl
     """The standard deviations of all readings, of the axes, or of a part of the readings and the others."""
     if len(names) == 1:
         repeat = float(sd[0] * np.median(problem.sd)) * 1e3
-        return f"every sd times {sd[0]:.2g}" + (
-            f": the positions repeat to {repeat:.2g} mg" if problem.known else ""
-        )
+        return f"every sd times {sd[0]:.2g}" + (f": the positions repeat to {repeat:.2g} mg" if problem.known else "")
     part = len(names) == 2
 
     def listed(numbers: Float[np.ndarray, " groups"]) -> str:
@@ -60,8 +58,10 @@ def _group_words(sd: Float[np.ndarray, " groups"], names: tuple[str, ...], probl
 
     if problem.known:
         return f"the dispersion between positions is the stated sd times {listed(sd)}"
-    return f"sd {names[0]} {sd[0] / sd[1]:.2g} times that {names[1]}" if part else (
-        f"sd of the axes as {listed(sd / min(sd))}"
+    return (
+        f"sd {names[0]} {sd[0] / sd[1]:.2g} times that {names[1]}"
+        if part
+        else (f"sd of the axes as {listed(sd / min(sd))}")
     )
 
 

@@ -146,14 +146,15 @@ def _of_groups(problem: Problem) -> list[NoiseModel]:
     where, positions = problem.where, len(problem.readings)
     by_axis, share = np.tile(np.arange(3), positions), 1.0 / (len(AXES) * len(AXIS_RATIOS))
     # Rows of each group, which of them is noisier, names of the groups, words, ratios, share of each, kind.
-    tried = [(by_axis, k, tuple(AXES), f"of axis {axis}", AXIS_RATIOS, share, "") for k, axis in enumerate(AXES)]
+    tried = list[tuple[np.ndarray, int, tuple[str, ...], str, tuple[float, ...], float, str]]()
+    tried += [(by_axis, k, tuple(AXES), f"of axis {axis}", AXIS_RATIOS, share, "") for k, axis in enumerate(AXES)]
     for column, words in _PARTS.items():
         index, names = np.asarray(where.index(column)), [name.partition("=")[2] for name in where.names(column)]
         if column == "pitch" and len(names) > 1:
             first = np.unique(index, return_index=True)[1]
             names = [f"{np.round(angle, 3):g} deg" for angle in np.degrees(np.asarray(where.pitch_angle)[first])]
         several = np.flatnonzero(np.bincount(index) >= LEAST_IN_GROUP).tolist()
-        for number in several if 1 < len(names) and len(several) <= MOST_GROUPS else ():
+        for number in several if len(names) > 1 and len(several) <= MOST_GROUPS else ():
             name, rows = f"{words} {names[number]}", np.repeat(index != number, 3).astype(int)
             share = GROUP_SHARE / (len(several) * len(GROUP_RATIOS))
             tried.append((rows, 0, (name, "elsewhere"), name, GROUP_RATIOS, share, column))
