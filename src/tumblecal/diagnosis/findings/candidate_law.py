@@ -105,13 +105,14 @@ class _Table:
     def of(cls, where: Where, inputs: Float[np.ndarray, "positions 3"], head: np.ndarray) -> "_Table":
         """The forms of all families, which share the prior weight equally, as do the forms of a family and the places."""
         families, kept, rows, price = forms(where), list[Form](), [], []
+        values = iter(values_of([form for family in families.values() for form in family], where, inputs))
         for form, count in ((form, len(family)) for family in families.values() for form in family):
-            values = values_of([form], where, inputs)
-            seen = np.flatnonzero(np.max(np.abs(values), axis=1) > _ROUNDING).tolist()
-            if seen:
-                words, code = (tuple([own[k] for k in seen]) for own in (form.words, form.code))
+            functions = [(*pair, next(values)) for pair in zip(form.words, form.code, strict=True)]
+            functions = [function for function in functions if np.max(np.abs(function[2])) > _ROUNDING]
+            if functions:
+                words, code, own = zip(*functions, strict=True)
                 kept.append(form._replace(words=words, code=code))
-                rows.append(np.pad(values[seen], ((0, 2 - len(seen)), (0, 0))))
+                rows.append([*own, np.zeros(len(inputs))][:2])
                 # Nothing suffices where the catalogue has a form, and an angle does not depend on an input.
                 price.append([
                     np.inf
