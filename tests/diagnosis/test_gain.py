@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis.findings.fold_search import chosen_anew
-from tumblecal.diagnosis.findings.gain import fold_errors
+from tumblecal.diagnosis.findings.gain import chosen_anew, fold_errors
 
 
 def test_fold_errors_are_those_of_fits_without_the_fold():

@@ -17,8 +17,7 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings import residuals
 from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.findings.factors import Factor, factors
-from tumblecal.diagnosis.findings.fold_search import chosen_anew
-from tumblecal.diagnosis.findings.gain import Gain, gain, testable_folds
+from tumblecal.diagnosis.findings.gain import Gain, chosen_anew, gain, testable_folds
 from tumblecal.diagnosis.findings.in_use import in_use
 from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, Unseen, invisible, limits, unseen
 from tumblecal.diagnosis.findings.location import Located

@@ -83,9 +83,8 @@ SEVERAL_OUTLIERS = {2: 0.2, 3: 0.1, 4: 0.03}
 # same given other causes as given the nominal model. (drift, with a temperature that rises with time: the remainder decides,
 # not its share)
 COLLINEAR = VISIBLE**2
-# Width of the beam; sets this far (log) below the best are left out of the posterior; in the folds of the cross-validation sets
-# this far below are chosen by none. (blind: wider finds the same)
-WIDTH, NEGLIGIBLE, HOPELESS = 12, 14.0, 12.0
+# Width of the beam; sets this far (log) below the best are left out of the posterior. (blind: wider finds the same)
+WIDTH, NEGLIGIBLE = 12, 14.0
 # Larger sets are tried only while the best of a size is no farther (log) below the best of all, or behind "adequate"; a screen
 # is repeated around an exact fit only where that is no farther below the best. (golden answers, and 89 exact fits with signs:
 # the 9 that improved the screen were no farther than 2.8 below; 12 finds the same in twice the time)
@@ -188,9 +187,9 @@ UNKNOWN, ONE_COEFFICIENT = 1e6, 3e-3
 # Columns of the data that effects follow count as fully correlated from this correlation on. If an error so many times as large
 # would be distinguished, the error is too small; otherwise the angles do not separate the causes. (by thought)
 CORRELATED_COLUMNS, LARGER_ERROR = 0.98, 3.0
-# The search in a fold begins from so many of the best single causes without it, and of the best sets of all data and their
-# parts; so many times causes are added, dropped and exchanged. Further causes are those that come this near (log) in a set of
-# all data; no other gains so much by excluding one fold. (by thought)
+# The search in a fold begins from so many of the best single causes without it, and of the best sets of all data; so many times
+# causes are added, dropped and exchanged. Further causes are those singles, and those that come this near (log) in a set of all
+# data. (by thought)
 FOLD_SINGLES, FOLD_SETS, FOLD_ROUNDS, NEAR_IN_FOLDS = 4, 4, 8, 8.0
 
 # An unexplained error (benchmarks/blind laws). Regions that explain at least this share of the best are compared, so

@@ -84,11 +84,8 @@ def term_words(term: Term) -> str:
     return f"{_ANGLES.get(term.acts_on, f'output {term.acts_on}')}: {' + '.join(sizes)}"
 
 
-class _Chosen(NamedTuple):
-    """A form by its number, and the place where it acts."""
-
-    form: int
-    place: str
+# A form by its number, and the place where it acts.
+_Chosen = tuple[int, str]
 
 
 @dataclass(frozen=True)
@@ -116,8 +113,13 @@ class _Table:
                 words, code, own = zip(*functions, strict=True)
                 kept.append(form._replace(words=words, code=code))
                 rows.append([*own, np.zeros(len(inputs))][:2])
-                cost = 2 * np.log(len(families) * count * len(_PLACES))
-                price.append([cost + _cost_of_place(form, place) for place in _PLACES])
+                # Nothing suffices where the catalogue has a form, and an angle does not depend on an input.
+                price.append([
+                    np.inf
+                    if (form.name, place) in _LISTED or (form.of_input and place in _ANGLES)
+                    else 2 * np.log(len(families) * count * len(_PLACES)) + OF_HEAD * (place in _ANGLES)
+                    for place in _PLACES
+                ])  # fmt: skip
         return cls(kept, np.array(rows), np.array(price).T, head)
 
     def only(self, numbers: Int[np.ndarray, " kept"]) -> "_Table":
@@ -151,7 +153,7 @@ class _Table:
     def best(self, scores: Float[np.ndarray, "places forms"]) -> _Chosen | None:
         """The most probable form and its place; None if it is less probable than none."""
         place, form = np.unravel_index(np.argmax(scores), scores.shape)
-        return _Chosen(int(form), [*_PLACES][place]) if scores[place, form] > 0 else None
+        return (int(form), [*_PLACES][place]) if scores[place, form] > 0 else None
 
     def chosen(self, space: ResidualSpace) -> list[_Chosen]:
         """Forms one by one, each the best given those selected before; each is then searched again, given the others."""
@@ -168,13 +170,6 @@ class _Table:
         listed = [alone, *(self.scores(space, [best]) for best in [self.best(alone)] if best)]
         ranked = [np.argsort(-np.max(scores, axis=0), kind="stable")[:LIKELY_FORMS] for scores in listed]
         return self.only(np.unique(ranked))
-
-
-def _cost_of_place(form: Form, place: str) -> float:
-    """What a form must explain in addition to act at a place; nothing suffices where the catalogue has it, and an angle does
-    not depend on an input."""
-    excluded = (form.name, place) in _LISTED or (form.of_input and place in _ANGLES)
-    return np.inf if excluded else OF_HEAD * (place in _ANGLES)
 
 
 def candidate_law(
@@ -194,7 +189,7 @@ def candidate_law(
     taken = table.chosen(whole)
     if not taken:
         return None
-    before, after, same = _held_out(table, whole, where, taken[0].form)
+    before, after, same = _held_out(table, whole, where, taken[0][0])
     rms = float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2)))
     # A prediction that has nothing to do with the errors lowers their sum of squares by less than zero, with this sd.
     if np.sum(before**2 - after**2) < SURE_LAW * 2 * rms[1] * np.linalg.norm(before - after):
@@ -235,5 +230,5 @@ def _held_out(
         law = table.columns(chosen, whole.responses) if chosen else None
         before[inside], _ = whole.predicted_errors(inside)
         after[inside], _ = whole.predicted_errors(inside, law)
-        same.append(bool(chosen) and chosen[0].form == first)
+        same.append(bool(chosen) and chosen[0][0] == first)
     return before, after, float(np.mean(same))

@@ -94,8 +94,9 @@ def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.n
 
 def _of_columns(exchange: Exchange, entries: Catalogue, columns: Mapping[str, np.ndarray]) -> Reason | None:
     """The columns that the exchanged causes follow, where both follow the same or those are fully correlated."""
+    needs = {label: entry.needs for label in exchange.removed | exchange.added if (entry := entries.get(id_of(label)))}
     removed, added = (
-        {name for label in labels for name in _needs(label, entries) if name in columns}
+        {name for label in labels for name in needs.get(label, ()) if name in columns}
         for labels in (exchange.removed, exchange.added)
     )
     if removed and removed == added:
@@ -107,8 +108,3 @@ def _of_columns(exchange: Exchange, entries: Catalogue, columns: Mapping[str, np
             if abs(r) >= CORRELATED_COLUMNS:
                 return Reason("columns", (first, second), r)
     return None
-
-
-def _needs(label: str, entries: Catalogue) -> tuple[str, ...]:
-    entry = entries.get(id_of(label))
-    return () if entry is None else entry.needs

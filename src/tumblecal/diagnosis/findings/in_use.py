@@ -8,7 +8,6 @@ over all explanations (Hoeting et al. 1999, Statistical Science 14, 382) and ove
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -38,14 +37,14 @@ from tumblecal.full_model.reference import at_reference, long_lived, moved_to_re
 from tumblecal.full_model.tangent import tangent
 
 
-class _Estimate(NamedTuple):
-    """The parameters by one linearisation: `values`, `covariance`; `shifts` of the values by each direction of an effect's
-    coefficients, and `products`: mean products of these about the removed means."""
-
-    values: Float[np.ndarray, " names"]
-    covariance: Float[np.ndarray, "names names"]
-    shifts: Float[np.ndarray, "names directions"]
-    products: Float[np.ndarray, "directions directions"]
+# The parameters by one linearisation: values, covariance, shifts of the values by each direction of an effect's coefficients,
+# and mean products of these about the removed means.
+_Estimate = tuple[
+    Float[np.ndarray, " names"],
+    Float[np.ndarray, "names names"],
+    Float[np.ndarray, "names directions"],
+    Float[np.ndarray, "directions directions"],
+]
 
 
 def in_use(
@@ -74,25 +73,27 @@ def in_use(
         slots = [slot for slot in screened.at.model.slots if slot.id]
         reasons = {slot.id: reason_not_held(entries[slot.id], slot.links) for slot in slots}
         removed = named | directions.of({id for id, reason in reasons.items() if reason not in ("", NO_FORMS)})
+    names = tuple(dict.fromkeys(name for explanation in weighed for name in explanation.fit.names))
     # What is no effect is undone in a fit: explanations with the same faults have one linearisation.
     by_faults: dict[tuple[str, ...], list[Weighed]] = {}
     for explanation in weighed:
         by_faults.setdefault(_faults(explanation.members), []).append(explanation)
     estimates = [
-        _estimate(screened, group[0], weighed, directions, named, removed, added, sigma) for group in by_faults.values()
+        _estimate(screened, group[0], weighed, names, directions, named, removed, added, sigma)
+        for group in by_faults.values()
     ]
-    shares = np.array([sum(explanation.share for explanation in group) for group in by_faults.values()])
-    values = np.tensordot(shares, [estimate.values for estimate in estimates], 1)
-    covariance, undetected = np.zeros((len(values), len(values))), np.zeros((len(values), len(values)))
-    for share, estimate in zip(shares.tolist(), estimates, strict=True):
-        deviation, shifts = estimate.values - values, estimate.shifts * ~named
-        covariance += share * (estimate.covariance + np.outer(deviation, deviation))
-        undetected += share * (shifts @ estimate.products @ shifts.T)
-    shifts, products = estimates[0].shifts, estimates[0].products
+    shares = [sum(explanation.share for explanation in group) for group in by_faults.values()]
+    values = np.tensordot(shares, [own for own, *_ in estimates], 1)
+    covariance, undetected = np.zeros((len(names), len(names))), np.zeros((len(names), len(names)))
+    for share, (own, of_own, shifts, products) in zip(shares, estimates, strict=True):
+        further = shifts * ~named
+        covariance += share * (of_own + np.outer(own - values, own - values))
+        undetected += share * (further @ products @ further.T)
+    _, _, shifts, products = estimates[0]
     absorbed = named & ~directions.shown
     return Average(
         weighed=tuple(weighed),
-        names=_names(weighed),
+        names=names,
         values=values,
         covariance=covariance,
         unidentifiable=shifts[:, absorbed] * np.sqrt(np.diag(products)[absorbed]),
@@ -103,100 +104,63 @@ def in_use(
     )
 
 
-def _names(weighed: Sequence[Weighed]) -> tuple[str, ...]:
-    """Names of the nominal parameters, then of every coefficient that one of some explanations has."""
-    return tuple(dict.fromkeys(name for explanation in weighed for name in explanation.fit.names))
-
-
 def _faults(members: Sequence[Cause]) -> tuple[str, ...]:
     """The causes that are not effects of the catalogue."""
     return tuple(sorted(cause.label for cause in members if not cause.slot.columns))
-
-
-class _Linear(NamedTuple):
-    """The problem of one explanation, linearised at its fit, in noise standard deviations, without excluded positions.
-
-    - `columns`: of the full vector, the fitted parameters without the named effects' coefficients, `nominal` ones first.
-    - `estimator`: estimate of these, scaled, from the rows. `rows`: the residual plus the named effects.
-    - `signals`: of each direction of an effect. `column_space`: orthonormal basis of the signals of the fitted parameters.
-    - `added`: contribution of each coefficient to the nominal parameters at the reference.
-    """
-
-    columns: list[int]
-    estimator: Float[np.ndarray, "columns rows"]
-    rows: Float[np.ndarray, " rows"]
-    signals: Float[np.ndarray, "rows directions"]
-    column_space: Float[np.ndarray, "rows rank"]
-    added: Float[np.ndarray, "nominal full"]
-
-    def residual(self, signals: Float[np.ndarray, "rows ..."]) -> Float[np.ndarray, "rows ..."]:
-        """The part of signals that the fitted parameters cannot produce."""
-        return signals - self.column_space @ (self.column_space.T @ signals)
-
-
-def _linearised(
-    screened: Screened,
-    base: Weighed,
-    directions: EffectDirections,
-    added: Float[np.ndarray, "nominal full"],
-    sigma: float,
-) -> _Linear:
-    at, model, fit = screened.at, screened.at.model, base.fit
-    if dying := [cause.slot for cause in base.members if cause.slot.shape]:
-        # The time constants as fitted.
-        at = tangent(model, at.problem, fit.vector)
-        added = long_lived(at, dying, added)
-    # A time constant that was fitted is one more parameter.
-    shapes = [
-        column
-        for cause in base.members
-        for column, name in zip(cause.slot.all_columns, cause.slot.names, strict=True)
-        if column in cause.slot.shape and fit.noise_covariance[(k := fit.names.index(name)), k] > 0
-    ]
-    columns, in_fit = [*range(model.nominal), *shapes], fit.jacobian.any(axis=1)
-    jacobian, fitted = at.jacobian[in_fit] / sigma, fit.jacobian[in_fit] / sigma
-    terms = fitted.shape[1] - sum(len(cause.terms) for cause in base.members)
-    fitted = np.hstack([fitted[:, : model.nominal], jacobian[:, shapes], fitted[:, terms:]])
-    vectors, singular, right = np.linalg.svd(fitted, full_matrices=False)
-    seen = singular > RANK_TOLERANCE * singular[0]
-    amplitudes = [column for cause in base.members for column in cause.slot.columns]
-    return _Linear(
-        columns,
-        (right[seen, : len(columns)].T / singular[seen]) @ vectors[:, seen].T,
-        fit.rows[in_fit] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes],
-        jacobian @ directions.steps.T,
-        vectors[:, seen],
-        added,
-    )
 
 
 def _estimate(
     screened: Screened,
     base: Weighed,
     weighed: Sequence[Weighed],
+    names: Sequence[str],
     directions: EffectDirections,
     named: Bool[np.ndarray, " directions"],
     removed: Bool[np.ndarray, " directions"],
     added: Float[np.ndarray, "nominal full"],
     sigma: float,
 ) -> _Estimate:
-    """The parameters if the faults of one explanation are undone.
+    """The parameters if the faults of one explanation are undone, from the problem linearised at its fit, in noise standard
+    deviations, without excluded positions.
 
     **Arguments:**
 
-    - `base`: that explanation. `weighed`: all of them.
+    - `base`: that explanation. `weighed`: all of them. `names`: of all their parameters.
     - `named`: of effects whose coefficients are written. `removed`: of effects whose mean is removed from the parameters.
     - `added`: contribution of each coefficient to the nominal parameters at the reference.
     """
-    model, linear = screened.at.model, _linearised(screened, base, directions, added, sigma)
+    at, model, fit = screened.at, screened.at.model, base.fit
+    if dying := [cause.slot for cause in base.members if cause.slot.shape]:
+        # The time constants as fitted.
+        at = tangent(model, at.problem, fit.vector)
+        added = long_lived(at, dying, added)
+    slots = [cause.slot for cause in base.members]
+    # A time constant that was fitted is one more parameter.
+    shapes = [
+        column
+        for slot in slots
+        for column, name in zip(slot.all_columns, slot.names, strict=True)
+        if column in slot.shape and fit.noise_covariance[(k := fit.names.index(name)), k] > 0
+    ]
+    columns, in_fit = [*range(model.nominal), *shapes], fit.jacobian.any(axis=1)
+    jacobian, fitted = at.jacobian[in_fit] / sigma, fit.jacobian[in_fit] / sigma
+    terms = fitted.shape[1] - sum(len(cause.terms) for cause in base.members)
+    # The fitted parameters without the named effects' coefficients, which count as effects here, the nominal ones first.
+    fitted = np.hstack([fitted[:, : model.nominal], jacobian[:, shapes], fitted[:, terms:]])
+    vectors, singular, right = np.linalg.svd(fitted, full_matrices=False)
+    seen = singular > RANK_TOLERANCE * singular[0]
+    reached, estimator = vectors[:, seen], (right[seen, : len(columns)].T / singular[seen]) @ vectors[:, seen].T
+    amplitudes = [column for slot in slots for column in slot.columns]
+    rows = fit.rows[in_fit] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes]
+    signals = jacobian @ directions.steps.T
     always = np.array([of_every_sensor(id) for id in directions.ids], bool)[directions.numbers]
     posterior = effect_posterior(
-        linear.residual(linear.signals),
-        linear.residual(linear.rows),
+        signals - reached @ (reached.T @ signals),
+        rows - reached @ (reached.T @ rows),
         directions.shown,
         always & directions.shown,
         _candidates(screened, base, directions),
-        dof=len(linear.rows) - linear.column_space.shape[1],
+        dof=len(rows) - reached.shape[1],
         known=screened.problem.known,
     )
     mean = posterior.mean * removed
@@ -206,28 +170,26 @@ def _estimate(
     names_of = dict(enumerate(model.names)) | {
         column: name for slot in slots for column, name in zip(slot.all_columns, slot.names, strict=True)
     }
-    place_of = {name: k for k, name in enumerate(_names(weighed))}
-    shifts, values = np.zeros((len(place_of), len(mean))), np.zeros(len(place_of))
+    shifts, values = np.zeros((len(names), len(mean))), np.zeros(len(names))
     for explanation in weighed:
         # Time constants without a fit here.
-        values[[place_of[name] for name in explanation.fit.names]] += explanation.share * explanation.fit.values
-    columns, places = linear.columns, [place_of[names_of[column]] for column in linear.columns]
-    moved = -linear.estimator @ linear.signals
-    moved[: model.nominal] += linear.added @ directions.steps.T
-    moved *= model.scales[columns][:, None]
-    shifts[places] = moved
-    step = model.scales[columns] * (linear.estimator @ linear.rows) + moved @ mean
+        values[[names.index(name) for name in explanation.fit.names]] += explanation.share * explanation.fit.values
+    places, scales = [names.index(names_of[column]) for column in columns], model.scales[columns]
+    moved = -estimator @ signals
+    moved[: model.nominal] += added @ directions.steps.T
+    shifts[places] = moved * scales[:, None]
+    step = scales * (estimator @ rows) + shifts[places] @ mean
     # A step along a time constant is meaningless if its amplitude differs.
     step[model.nominal :] = 0.0
-    values[places] = base.fit.vector[columns] + step
+    values[places] = fit.vector[columns] + step
     for column in (column for slot in slots for column in slot.columns):
-        place = place_of[names_of[column]]
+        place = names.index(names_of[column])
         shifts[place] = model.scales[column] * directions.steps[:, column] * named
         values[place] = shifts[place] @ mean
     covariance = shifts @ products @ shifts.T
-    spread = model.scales[columns][:, None] * linear.estimator
+    spread = scales[:, None] * estimator
     covariance[np.ix_(places, places)] += spread @ spread.T
-    return _Estimate(values, covariance, shifts, products)
+    return values, covariance, shifts, products
 
 
 def _candidates(screened: Screened, base: Weighed, directions: EffectDirections) -> Candidates:

@@ -2,10 +2,11 @@
 
 A form is a factor of one variable or the product of two. Factors: products, steps and knees of inputs; harmonics, windows and
 bumps of the spindle angle; windows of the pitch settings; powers, decays, steps, periods and windows of the time; powers of the
-temperature. A table of families lists the products.
+temperature. Each kind of factor is a form with the places of its parameters, filled in for every value of these; a table of
+families lists the products.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations_with_replacement, product
 from typing import Any, NamedTuple
 
@@ -29,7 +30,6 @@ _THRESHOLDS = np.round(np.arange(-6, 7) * 0.15, 2)
 _CENTRES, _WIDTHS = range(0, 360, 15), (0.2, 0.4, 0.8)
 # Of neighbouring spindle angles a window has at most so many; of pitch settings any number up to so many, of more so few.
 _MOST_ANGLES, _MOST_SETTINGS, _FEW = 8, 8, 3
-_WAVES = ("sin", "cos")
 
 
 class Form(NamedTuple):
@@ -65,6 +65,69 @@ class Form(NamedTuple):
             None if self.held is None or other.held is None else other.held | self.held,
         )
 
+    def filled(self, parameters: Iterable[Mapping[str, Any]]) -> "list[Form]":
+        """The forms with the parameters, by name, in their places; `held` is one of them."""
+        return [
+            Form(
+                self.name.format_map(own),
+                tuple([words.format_map(own) for words in self.words]),
+                tuple([code.format_map(own) for code in self.code]),
+                self.against.format_map(own),
+                self.unit.format_map(own),
+                self.needs,
+                own.get("held"),
+            )
+            for own in parameters
+        ]
+
+
+# The kinds of factors, with the places of their parameters.
+_POWER = Form("{name}", ("{words}",), ("{code}",), "u_{axis}", "/g{power}")
+_HARMONIC = Form(
+    "harmonic_{k}",
+    ("sin({times}alpha)", "cos({times}alpha)"),
+    ("jnp.sin({k} * where.alpha)", "jnp.cos({k} * where.alpha)"),
+)
+_OF_HEAD = Form("{wave}_beta", ("{wave}(beta)",), ("jnp.{wave}(where.beta)",))
+_STEP = Form(
+    "step_{axis}_{k}", ("step(u_{axis} > {least:g})",), ("jnp.where(u[{number}] > {least}, 1.0, 0.0)",), "u_{axis}"
+)
+_KNEE = Form("knee_{axis}_{k}", ("max(u_{axis}{less}, 0)",), ("jnp.maximum(u[{number}]{less}, 0.0)",), "u_{axis}", "/g")
+_WINDOW = Form(
+    "{angle}_{first}_{size}",
+    ("[{angle} {levels}]",),
+    ("jnp.where(jnp.cos(where.{angle} - {middle:.6g}) > {least:.6g}, 1.0, 0.0)",),
+)
+_BUMP = Form(
+    "bump_{centre}_{k}",
+    ("bump(alpha {centre}, width {degrees:.0f})",),
+    ("jnp.exp((jnp.cos(where.alpha - {middle:.6g}) - 1.0) / {square:.4g})",),
+)
+_OF_TIME = Form("", (), (), "time", needs=("time_s",))
+_DECAY = _OF_TIME._replace(name="decay_{k}", words=("exp(-t/{words})",), code=("jnp.exp(-elapsed(where) / {tau})",))
+_TIME_POWER = _OF_TIME._replace(name="time{end}", words=("{words}",), code=("(elapsed(where) / {span}) ** {k}",))
+_FROM = _OF_TIME._replace(
+    name="from_{k}", words=("step(t > {words})",), code=("jnp.where(elapsed(where) > {end:.6g}, 1.0, 0.0)",)
+)
+_PERIOD = _OF_TIME._replace(
+    name="period_{k}",
+    words=("sin({k} periods in {whole})", "cos({k} periods in {whole})"),
+    code=("jnp.sin({rate:.6g} * elapsed(where))", "jnp.cos({rate:.6g} * elapsed(where))"),
+)
+_PULSE = _OF_TIME._replace(
+    name="pulse_{k}",
+    words=("[t {begin} to {end}]",),
+    code=("jnp.where(jnp.abs(elapsed(where) - {middle:.6g}) < {half:.6g}, 1.0, 0.0)",),
+)
+_TEMPERATURE = Form(
+    "temperature_{k}",
+    ("(T - {reference:.0f}){power}",),
+    ("(where.temperature_degc - {reference}) ** {k}",),
+    "temperature",
+    "/degC{power}",
+    ("temperature_degc",),
+)
+
 
 def values_of(
     listed: Sequence[Form], where: Where, inputs: Float[np.ndarray, "positions 3"]
@@ -80,35 +143,47 @@ def values_of(
 
 def forms(where: Where) -> dict[str, list[Form]]:
     """All forms for data with these columns, by their families."""
-    inputs, waves = [_power([k]) for k in range(3)], list(_harmonics(where))
-    alphas, settings = _windows_of_alpha(where), _windows_of_settings(where)
-    heads = [Form(f"{wave}_beta", (f"{wave}(beta)",), (f"jnp.{wave}(where.beta)",)) for wave in _WAVES]
-    steps, knees = zip(*_of_inputs(), strict=True)
+    inputs, settings, alphas = _powers(1), _windows_of_settings(where), _windows_of_alpha(where)
+    most = min(_MOST_HARMONICS, len(np.unique(np.round(np.asarray(where.alpha), 6))) // 2)
+    waves = _HARMONIC.filled({"k": k, "times": "" if k == 1 else f"{k} "} for k in range(1, most + 1))
+    thresholds = [
+        {
+            "axis": AXES[number],
+            "number": number,
+            "k": k,
+            "least": least,
+            "less": f" {'-' if least > 0 else '+'} {abs(least)}" if least else "",
+        }
+        for number, (k, least) in product(range(3), enumerate(_THRESHOLDS.tolist()))
+    ]
+    bumps = _BUMP.filled(
+        {"centre": own, "k": k, "degrees": np.degrees(width), "middle": np.radians(own), "square": width**2}
+        for own, (k, width) in product(_CENTRES, enumerate(_WIDTHS))
+    )
     families = {
-        "product": [_power(axes) for k in _DEGREES for axes in combinations_with_replacement(range(3), k)],
+        "product": [form for degree in _DEGREES for form in _powers(degree)],
         "harmonic": waves,
         "harmonic times input": _products(inputs, waves),
-        "harmonic of the head": _products(waves, heads),
-        "step": list(steps),
-        "knee": list(knees),
+        "harmonic of the head": _products(waves, _OF_HEAD.filled({"wave": wave} for wave in ("sin", "cos"))),
+        "step": _STEP.filled(thresholds),
+        "knee": _KNEE.filled(thresholds),
         "setting": settings,
         "box": [*alphas, *_products(alphas, settings)],
-        "bump": [*(bumps := _bumps()), *_products(bumps, settings)],
+        "bump": [*bumps, *_products(bumps, settings)],
     }
     if where.time_s is not None and np.ptp(np.asarray(where.time_s)) > 0:
-        decays, powers, times, periods = _of_time(where)
-        families |= {
-            "period": periods,
-            "power of time": powers[1:],
-            "decay times input": _products(inputs, decays),
-            "power of time times input": _products(inputs, powers[1:]),
-            "step times input": _products(inputs, times),
-            "harmonic times decay": _products(waves[:_IN_TIME], decays),
-            "harmonic times power of time": _products(waves[:_IN_TIME], powers[:2]),
-            "pulse": pulses(where),
-        }
-    if where.temperature_degc is not None and np.ptp(np.asarray(where.temperature_degc)) > 0:
-        degrees = [_of_temperature(where, power) for power in (1, 2, 3)]
+        families |= _of_time(where, inputs, waves[:_IN_TIME])
+    if where.temperature_degc is not None and np.ptp(degc := np.asarray(where.temperature_degc)) > 0:
+        reference = float(round(float(np.mean(degc))))
+        degrees = _TEMPERATURE.filled(
+            {
+                "k": k,
+                "reference": reference,
+                "power": f"^{k}" if k > 1 else "",
+                "held": {"powers": [0, 0, 0], "degc_power": k, "reference_degc": reference},
+            }
+            for k in (1, 2, 3)
+        )
         families |= {
             "power of temperature": degrees[2:],
             "power of temperature times input": _products(inputs, degrees[1:]),
@@ -121,77 +196,46 @@ def _products(first: Sequence[Form], second: Sequence[Form]) -> list[Form]:
     return [a.times(b) for a, b in product(first, second)]
 
 
-def _power(axes: Sequence[int]) -> Form:
-    """The product of some inputs, one for each axis listed."""
-    powers = [axes.count(axis) for axis in range(3)]
-    last = {axis: "" if power == 1 else str(power) for axis, power in enumerate(powers) if power}
-    letters, degree = "".join(AXES[axis] for axis in axes), len(axes)
-    return Form(
-        letters if degree == 1 else f"product_{letters}",
-        (" ".join(f"u_{AXES[axis]}{power and f'^{power}'}" for axis, power in last.items()),),
-        (" * ".join(f"u[{axis}]{power and f' ** {power}'}" for axis, power in last.items()),),
-        f"u_{AXES[int(np.argmax(powers))]}",
-        "/g" if degree == 1 else f"/g^{degree}",
-        held={"powers": powers},
-    )
+def _powers(degree: int) -> list[Form]:
+    """The products of so many inputs."""
+    listed = []
+    for axes in combinations_with_replacement(range(3), degree):
+        powers = [axes.count(axis) for axis in range(3)]
+        letters, own = "".join(AXES[axis] for axis in axes), [k for k in range(3) if powers[k]]
+        listed.append({
+            "name": letters if degree == 1 else f"product_{letters}",
+            "words": " ".join(f"u_{AXES[k]}^{powers[k]}" for k in own).replace("^1", ""),
+            "code": " * ".join(f"u[{k}] ** {powers[k]}" for k in own).replace(" ** 1", ""),
+            "axis": AXES[int(np.argmax(powers))],
+            "power": "" if degree == 1 else f"^{degree}",
+            "held": {"powers": powers},
+        })  # fmt: skip
+    return _POWER.filled(listed)
 
 
-def _harmonics(where: Where) -> Iterator[Form]:
-    most = min(_MOST_HARMONICS, len(np.unique(np.round(np.asarray(where.alpha), 6))) // 2)
-    for order in range(1, most + 1):
-        angle, code = ("alpha", "where.alpha") if order == 1 else (f"{order} alpha", f"{order} * where.alpha")
-        words, codes = (f"{wave}({angle})" for wave in _WAVES), (f"jnp.{wave}({code})" for wave in _WAVES)
-        yield Form(f"harmonic_{order}", tuple(words), tuple(codes))
-
-
-def _of_inputs() -> Iterator[tuple[Form, Form]]:
-    """Step and knee of each input at each threshold."""
-    for axis, (number, least) in product(range(3), enumerate(_THRESHOLDS.tolist())):
-        words, code, name = f"u_{AXES[axis]}", f"u[{axis}]", f"{AXES[axis]}_{number}"
-        less = f" {'-' if least > 0 else '+'} {abs(least)}" if least else ""
-        step, over = f"jnp.where({code} > {least}, 1.0, 0.0)", f"jnp.maximum({code}{less}, 0.0)"
-        yield (
-            Form(f"step_{name}", (f"step({words} > {least:g})",), (step,), words),
-            Form(f"knee_{name}", (f"max({words}{less}, 0)",), (over,), words, "/g"),
-        )
-
-
-def _of_time(where: Where) -> tuple[list[Form], ...]:
-    """Decays, powers from the first on, steps and periods."""
-    t = np.asarray(elapsed(where), float)
+def _of_time(where: Where, inputs: Sequence[Form], waves: Sequence[Form]) -> dict[str, list[Form]]:
+    """The families with the time."""
+    t = np.unique(np.asarray(elapsed(where), float))
     span = float(f"{np.max(t):.3g}")
-    share, whole = f"(elapsed(where) / {span})", _time(span)
-
-    def form(name: str, words: Sequence[str], code: Sequence[str]) -> Form:
-        return Form(name, tuple(words), tuple(code), "time", needs=("time_s",))
-
-    taus = [float(f"{share * span:.2g}") for share in _DECAYS]
-    ends = _edges(np.unique(t), 0.0)[1:-1][:: max(1, len(np.unique(t)) // _MOST_STEPS)].tolist()
-    rates = [f"{2 * np.pi * count / span:.6g}" for count in range(1, _PERIODS + 1)]
-    return (
-        [form(f"decay_{k}", [f"exp(-t/{_time(tau)})"], [f"jnp.exp(-elapsed(where) / {tau})"])
-         for k, tau in enumerate(taus, 1)],
-        [form("time", [f"t/{whole}"], [share]),
-         *(form(f"time_{power}", [f"(t/{whole})^{power}"], [f"{share} ** {power}"]) for power in (2, 3))],
-        [form(f"from_{k}", [f"step(t > {_time(end)})"], [f"jnp.where(elapsed(where) > {end:.6g}, 1.0, 0.0)"])
-         for k, end in enumerate(ends, 1)],
-        [form(f"period_{k}", [f"{wave}({k} periods in {whole})" for wave in _WAVES],
-              [f"jnp.{wave}({rate} * elapsed(where))" for wave in _WAVES]) for k, rate in enumerate(rates, 1)],
-    )  # fmt: skip
-
-
-def _of_temperature(where: Where, power: int) -> Form:
-    degc, last = round(float(np.mean(np.asarray(where.temperature_degc)))), f"^{power}" if power > 1 else ""
-    base = f"(where.temperature_degc - {float(degc)})"
-    return Form(
-        f"temperature_{power}",
-        (f"(T - {degc}){last}",),
-        (f"{base} ** {power}" if power > 1 else base,),
-        "temperature",
-        f"/degC{last}",
-        ("temperature_degc",),
-        {"powers": [0, 0, 0], "degc_power": power, "reference_degc": float(degc)},
+    whole, taus = _time(span), [float(f"{share * span:.2g}") for share in _DECAYS]
+    decays = _DECAY.filled({"k": k, "tau": tau, "words": _time(tau)} for k, tau in enumerate(taus, 1))
+    names = (("", f"t/{whole}"), ("_2", f"(t/{whole})^2"), ("_3", f"(t/{whole})^3"))
+    powers = _TIME_POWER.filled(
+        {"k": k, "span": span, "end": end, "words": words} for k, (end, words) in enumerate(names, 1)
     )
+    ends = _edges(t, 0.0)[1:-1][:: max(1, len(t) // _MOST_STEPS)].tolist()
+    steps = _FROM.filled({"k": k, "end": end, "words": _time(end)} for k, end in enumerate(ends, 1))
+    rates = ({"k": k, "whole": whole, "rate": 2 * np.pi * k / span} for k in range(1, _PERIODS + 1))
+    return {
+        "period": _PERIOD.filled(rates),
+        "power of time": powers[1:],
+        "decay times input": _products(inputs, decays),
+        "power of time times input": _products(inputs, powers[1:]),
+        "step times input": _products(inputs, steps),
+        "harmonic times decay": _products(waves, decays),
+        "harmonic times power of time": _products(waves, powers[:2]),
+        "pulse": pulses(where),
+    }
 
 
 def _time(seconds: float) -> str:
@@ -205,14 +249,19 @@ def _edges(levels: Float[np.ndarray, " levels"], beyond: float) -> Float[np.ndar
 
 def pulses(where: Where) -> list[Form]:
     """Windows of the time with two positions or more, up to half of them."""
-    t, listed = np.unique(np.asarray(elapsed(where), float)), []
+    t = np.unique(np.asarray(elapsed(where), float))
     edges = _edges(t, 1.0)[:: max(1, len(t) // _MOST_STEPS)].tolist()
-    for number, (begin, end) in enumerate(product(edges, edges)):
-        if 2 <= np.sum((t > begin) & (t < end)) <= len(t) // 2:
-            words, middle = f"t {_time(max(begin, 0.0))} to {_time(min(end, t[-1]))}", 0.5 * (begin + end)
-            code = f"jnp.where(jnp.abs(elapsed(where) - {middle:.6g}) < {0.5 * (end - begin):.6g}, 1.0, 0.0)"
-            listed.append(Form(f"pulse_{number}", (f"[{words}]",), (code,), "time", needs=("time_s",)))
-    return listed
+    return _PULSE.filled(
+        {
+            "k": k,
+            "begin": _time(max(begin, 0.0)),
+            "end": _time(min(end, t[-1])),
+            "middle": 0.5 * (begin + end),
+            "half": 0.5 * (end - begin),
+        }
+        for k, (begin, end) in enumerate(product(edges, edges))
+        if 2 <= np.sum((t > begin) & (t < end)) <= len(t) // 2
+    )
 
 
 def boxes(where: Where) -> list[Form]:
@@ -223,39 +272,29 @@ def boxes(where: Where) -> list[Form]:
 
 def _windows_of_alpha(where: Where) -> list[Form]:
     angles = np.unique(np.round(np.mod(np.asarray(where.alpha), 2 * np.pi), 6))
-    turns = np.concatenate([angles - 2 * np.pi, angles, angles + 2 * np.pi])
-    most, count = min(_MOST_ANGLES, len(angles) - 1), len(angles)
-    return [] if count < 3 else _windows("alpha", turns, range(count, 2 * count), range(1, most + 1))
+    turns, count = np.concatenate([angles - 2 * np.pi, angles, angles + 2 * np.pi]), len(angles)
+    return [] if count < 3 else _windows("alpha", turns, range(count, 2 * count), min(_MOST_ANGLES, count - 1))
 
 
 def _windows_of_settings(where: Where) -> list[Form]:
     pitch = setting_angle(np.asarray(where.beta), np.asarray(where.index("pitch")))
     levels = np.unique(np.round(np.asarray(pitch), 6))
-    most = len(levels) - 1 if len(levels) <= _MOST_SETTINGS else _FEW
-    return _windows("beta", levels, range(len(levels)), range(1, most + 1))
+    return _windows("beta", levels, range(len(levels)), len(levels) - 1 if len(levels) <= _MOST_SETTINGS else _FEW)
 
 
-def _windows(name: str, levels: Float[np.ndarray, " levels"], begins: range, sizes: range) -> list[Form]:
-    """So many neighbouring levels of an angle, from some of them on, as far as there are levels."""
-    edges, listed = _edges(levels, 0.1), []
-    for first, size in product(begins, sizes):
+def _windows(angle: str, levels: Float[np.ndarray, " levels"], begins: range, most: int) -> list[Form]:
+    """Up to so many neighbouring levels of an angle, from some of them on, as far as there are levels."""
+    edges, degrees, listed = _edges(levels, 0.1), np.degrees(levels), []
+    degrees = [f"{own - 360 * (own >= 360):.4g}" for own in degrees.tolist()]
+    for first, size in product(begins, range(1, most + 1)):
         if first + size <= len(levels):
             begin, end = edges[first], edges[first + size]
-            inside = [f"{degrees - 360 * (degrees >= 360):.4g}" for degrees in np.degrees(levels[first : first + size])]
-            words = f"{name} {inside[0]}" + (f" to {inside[-1]}" if size > 1 else "")
-            middle, least = f"{0.5 * (begin + end):.6g}", f"{np.cos(0.5 * (end - begin)):.6g}"
-            code = f"jnp.where(jnp.cos(where.{name} - {middle}) > {least}, 1.0, 0.0)"
-            listed.append(Form(f"{name}_{first % len(begins)}_{size}", (f"[{words}]",), (code,)))
-    return listed
-
-
-def _bumps() -> list[Form]:
-    """Smooth bumps at some spindle angles."""
-    return [
-        Form(
-            f"bump_{centre}_{number}",
-            (f"bump(alpha {centre}, width {np.degrees(width):.0f})",),
-            (f"jnp.exp((jnp.cos(where.alpha - {np.radians(centre):.6g}) - 1.0) / {width**2:.4g})",),
-        )
-        for centre, (number, width) in product(_CENTRES, enumerate(_WIDTHS))
-    ]
+            listed.append({
+                "angle": angle,
+                "first": first % len(begins),
+                "size": size,
+                "levels": degrees[first] + (f" to {degrees[first + size - 1]}" if size > 1 else ""),
+                "middle": 0.5 * (begin + end),
+                "least": np.cos(0.5 * (end - begin)),
+            })  # fmt: skip
+    return _WINDOW.filled(listed)

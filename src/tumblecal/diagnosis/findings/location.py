@@ -7,16 +7,15 @@ including explanations without a name (generic terms, lack of fit).
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.causes.cause import EFFECT, Cause
+from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.causes.table import CauseTable
 from tumblecal.diagnosis.priors import LEAST_LOCATED_ODDS
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import rows_of
@@ -61,69 +60,45 @@ class Located:
 def located(screened: Screened) -> list[Located]:
     """Effects that, acting in a part of the data alone, are more probable than the explanation acted on, the best part of
     each, at most three; none where nothing was detected or the explanation is about the noise."""
-    members, pool, search = screened.best.members, screened.pool, screened.search
-    sought = screened.detection.detected and bool(members or screened.best.unexplained)
-    parts = list(_parts(screened.at)) if sought else []
-    if not parts:
+    members, pool, search, best = screened.best.members, screened.pool, screened.search, screened.best
+    sought = screened.detection.detected and bool(members or best.unexplained)
+    effects = list(members) if len(members) == 1 and members[0] in pool.effects else pool.effects.tolist()
+    listed = _in_parts(screened.at, [pool.causes[k] for k in effects]) if sought else []
+    if not listed:
         return []
-    effects = pool.effects
-    if len(members) == 1 and members[0] in effects:
-        effects = np.array(members)
-    cut, part_of = _in_parts(screened.at, pool, effects, parts)
-    least = 0.0 if screened.best.unexplained else LEAST_LOCATED_ODDS
+    cut = Pool.of([cause for cause, *_ in listed], pool.dof)
+    least = 0.0 if best.unexplained else LEAST_LOCATED_ODDS
     whole = search.posterior_at(members, search.left(members)) if members else screened.log_posterior_of_unexplained
     rests = [rest for size in range(max(1, len(members))) for rest in combinations(members, size)]
     enlarged = Enlarged(cut, search.known, partial_sets(search.pool, search.z, rests))
     prior = SetPriors.of(pool, rows_of(rests)).beside(cut.log_weights) - whole
     enlarged.settle(enlarged.evidence + prior > least)
     odds = np.where(enlarged.open, -np.inf, enlarged.evidence + prior)
-    best: dict[str, Located] = {}
+    found: dict[str, Located] = {}
     for row, k in np.argwhere(odds > least).tolist():
-        label, others, (words, inside) = (
-            cut.labels[k],
-            tuple(pool.labels[other] for other in rests[row]),
-            parts[part_of[k]],
-        )
-        if label not in others and (label not in best or odds[row, k] > best[label].log_odds):
-            best[label] = Located(label, words, int(np.sum(inside)), float(odds[row, k]), others)
-    return sorted(best.values(), key=lambda found: -found.log_odds)[:_MOST_LISTED]
+        (cause, words, count), others = listed[k], tuple(pool.labels[other] for other in rests[row])
+        label, log_odds = cause.label, float(odds[row, k])
+        if label not in others and (label not in found or log_odds > found[label].log_odds):
+            found[label] = Located(label, words, count, log_odds, others)
+    return sorted(found.values(), key=lambda one: -one.log_odds)[:_MOST_LISTED]
 
 
-def _in_parts(
-    at: Tangent, pool: Pool, effects: Int[np.ndarray, " effects"], parts: list[Part]
-) -> tuple[Pool, Int[np.ndarray, " cut"]]:
-    """The effects cut to each part in which they can be seen, as causes with their own labels, and the part of each."""
-    every = np.stack([inside for _, inside in parts])
-    causes = [pool.causes[k] for k in effects.tolist()]
-    widths = np.array([len(cause.slot.columns) for cause in causes])
-    listed, owners = [], []
-    for width in np.unique(widths).tolist():
-        of_width = np.flatnonzero(widths == width)
-        columns = [column for k in of_width.tolist() for column in causes[k].slot.columns]
-        signals = _cut(at, columns, every).mT
-        whole, shown = (
-            rows.reshape(len(parts), len(of_width), width, -1).swapaxes(0, 1).reshape(-1, width, rows.shape[2])
-            for rows in (signals, signals @ at.basis)
-        )
-        seen = visibilities(whole, shown, VISIBLE, least_signal(at))
-        listed.append(seen.rows)
-        numbers = (of_width[:, None] * len(parts) + np.arange(len(parts))).ravel()
-        owners.append(np.repeat(numbers, seen.shown.sum(axis=1)))
-    owner, together = np.concatenate(owners), np.concatenate(listed)
-    order = np.argsort(owner, kind="stable")
-    shown, owner = np.unique(owner[order], return_inverse=True)
-    effect, part = np.divmod(shown, len(parts))
-    weights, test_weights = (
-        weights[effects[effect]] - np.log(len(parts)) for weights in (pool.log_weights, pool.test_log_weights)
-    )
-    labels = [causes[k].label for k in effect.tolist()]
-
-    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        return causes[effect[k]]._replace(log_weight=weights[0], log_test_weight=weights[1], block=block)
-
-    slots = [causes[k].slot for k in effect.tolist()]
-    table = CauseTable(EFFECT, labels, weights, test_weights, together[order], owner, made, slots)
-    return Pool((table,), at.dof), part
+def _in_parts(at: Tangent, effects: Sequence[Cause]) -> list[tuple[Cause, str, int]]:
+    """The effects cut to each part in which they can be seen, as causes with their own labels; words and number of positions of
+    the part. The parts share the prior of the whole."""
+    parts, listed, least = list(_parts(at)), list[tuple[Cause, str, int]](), least_signal(at)
+    if not parts:
+        return []
+    every, share = np.stack([inside for _, inside in parts]), np.log(len(parts))
+    for cause in effects:
+        signals = _cut(at, list(cause.slot.columns), every).mT
+        seen = visibilities(signals, signals @ at.basis, VISIBLE, least)
+        part = cause._replace(log_weight=cause.log_weight - share, log_test_weight=cause.log_test_weight - share)
+        for number, (words, inside) in enumerate(parts):
+            block = seen.of(number, cause.slot).block
+            if block.shape[1]:
+                listed.append((part._replace(block=block), words, int(np.sum(inside))))
+    return listed
 
 
 def _cut(
@@ -146,13 +121,12 @@ def _parts(at: Tangent) -> Iterator[Part]:
     where, count = at.problem.where, len(at.problem.readings)
     beta, labels = np.degrees(where.pitch_angle), dict(where.labels)
     every: list[Part] = []
-    levels = np.unique(np.round(beta, 6))
-    if len(levels) > 1 and not at.model.hand_held:
-        every += [(f"at pitch {level:g} deg", np.abs(beta - level) < 1e-5) for level in levels.tolist()]
+    for level in np.unique(np.round(beta, 6)).tolist() if not at.model.hand_held else ():
+        every.append((f"at pitch {level:g} deg", np.abs(beta - level) < 1e-5))
     for column in ("run", "mount"):
         groups = np.asarray(where.index(column))
         names = [label.partition("=")[2] for label in labels[column]]
-        every += [(f"in {column} {name}", groups == number) for number, name in enumerate(names) if len(names) > 1]
+        every += [(f"in {column} {name}", groups == number) for number, name in enumerate(names)]
     order = np.argsort(np.argsort(where.measuring_order, kind="stable"), kind="stable")
     every += [("in the first half", order < count / 2), ("in the second half", order >= count / 2)]
     if where.temperature_degc is not None:
@@ -160,5 +134,6 @@ def _parts(at: Tangent) -> Iterator[Part]:
         low, high = np.quantile(degc, [1 / 3, 2 / 3])
         every += [(f"below {low:.1f} degC", degc < low), (f"above {high:.1f} degC", degc > high)]
     for words, inside in every:
+        # A part of all positions is none.
         if _LEAST_POSITIONS <= np.sum(inside) <= count - _LEAST_POSITIONS:
             yield words, inside

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -67,24 +68,28 @@ def harmonics(fit: Fit, level: float) -> list[Harmonic]:
 
     - `level`: sd of the white rows.
     """
-    where, sigma = fit.problem.where, level * fit.problem.sd
-    pitch = np.asarray(where.index("pitch"))
-    settings = np.unique(pitch[fit.retained])
-    at_setting = (pitch == settings[:, None]) & fit.retained
-    angles = np.asarray(where.alpha)[:, None] * np.arange(HARMONICS)
-    waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
-    norms = (at_setting @ waves**2)[:, None]
-    sums = (at_setting[:, None] * fit.residuals.T) @ waves
-    sizes = np.divide(sums, norms, out=np.zeros_like(sums), where=norms > 1e-9)
-    largest = np.maximum(norms[..., :HARMONICS], norms[..., HARMONICS:])
-    sd = (at_setting @ sigma / at_setting.sum(axis=1, keepdims=True))[:, :, None] / np.sqrt(largest)
-    cosines, sines, sds = (amplitudes.tolist() for amplitudes in (sizes[..., :HARMONICS], sizes[..., HARMONICS:], sd))
-    return [
-        Harmonic(name, setting, order, cosines[k][axis][order], sines[k][axis][order], sds[k][axis][order])
-        for k, setting in enumerate(settings.tolist())
-        for order in range(HARMONICS)
-        for axis, name in enumerate(AXES)
-    ]
+    where, sigma, listed = fit.problem.where, level * fit.problem.sd, list[Harmonic]()
+    pitch, angles = np.asarray(where.index("pitch")), np.asarray(where.alpha)[:, None] * np.arange(HARMONICS)
+    for setting in np.unique(pitch[fit.retained]).tolist():
+        here = (pitch == setting) & fit.retained
+        waves = np.stack([np.cos(angles[here]), np.sin(angles[here])])
+        norms = np.sum(waves**2, axis=1)
+        sums = fit.residuals[here].T @ waves
+        (cosines, sines) = np.divide(sums, norms[:, None], out=np.zeros_like(sums), where=norms[:, None] > 1e-9)
+        sd = np.mean(sigma[here], axis=0)[:, None] / np.sqrt(norms.max(axis=0))
+        listed += [
+            Harmonic(
+                AXES[axis],
+                setting,
+                order,
+                float(cosines[axis, order]),
+                float(sines[axis, order]),
+                float(sd[axis, order]),
+            )
+            for order in range(HARMONICS)
+            for axis in range(3)
+        ]
+    return listed
 
 
 def predictive(fit: Fit) -> list[Check]:
@@ -93,26 +98,14 @@ def predictive(fit: Fit) -> list[Check]:
     The simulated data are refitted (linearly): their residuals are projected noise, as the measured ones are. With
     unknown noise only their pattern is judged, which does not depend on how large they are.
     """
-    pieces = [_statistics(fit, draws) for draws in _projected(fit)]
-    simulated = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
-    values = _statistics(fit, fit.rows[:, None])
+    pieces, values = [_statistics(fit, draws) for draws in _projected(fit)], _statistics(fit, fit.rows[:, None])
     # The limits share the one percent between the statistics.
-    ordered = np.sort(np.stack(list(simulated.values())), axis=1)
-    place = np.array((_TAIL, 1 - _TAIL, *QUANTILES)) * (ordered.shape[1] - 1)
-    lower = np.minimum(place.astype(int), ordered.shape[1] - 2)
-    # As `np.quantile`; one sort is quicker than many partitions.
-    limits = (ordered[:, lower] + (ordered[:, lower + 1] - ordered[:, lower]) * (place - lower)).tolist()
+    simulated = np.stack([np.concatenate([piece[name] for piece in pieces]) for name in values])
+    limits = np.quantile(simulated, (_TAIL, 1 - _TAIL, *QUANTILES), axis=1).T.tolist()
     return [
-        Check(name, float(values[name][0]), low, high, tuple(between))
-        for name, (low, high, *between) in zip(simulated, limits, strict=True)
+        Check(name, float(own[0]), low, high, tuple(between))
+        for (name, own), (low, high, *between) in zip(values.items(), limits, strict=True)
     ]
-
-
-def simulated_residuals(fit: Fit) -> Iterator[Float[np.ndarray, "rows draws"]]:
-    """White residuals of data simulated from the fitted model and refitted, some draws at a time; zero for excluded positions.
-    With unknown noise every draw is scaled to the measured sum of squares."""
-    for draws in _projected(fit):
-        yield draws if fit.problem.known else draws * (np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0))
 
 
 def _projected(fit: Fit) -> Iterator[Float[np.ndarray, "rows draws"]]:
@@ -139,20 +132,17 @@ def _statistics(fit: Fit, draws: Float[np.ndarray, "rows draws"]) -> dict[str, n
     """Size, largest value, neighbours' correlation and shares of the axes, for each draw of a fit's white residuals; where
     the noise is known, their sum of squares."""
     order = np.argsort(fit.problem.where.measuring_order, kind="stable")
-    order, rows = order[fit.retained[order]], draws[: fit.residuals.size].reshape(len(fit.retained), 3, -1)
-    rows = rows if np.array_equal(order, np.arange(len(rows))) else rows[order]
+    rows = draws[: fit.residuals.size].reshape(len(fit.retained), 3, -1)[order[fit.retained[order]]]
     power = rows**2
     by_axis, by_position = np.sum(power, axis=0), np.sum(power, axis=1)
-    squares = np.sum(by_axis, axis=0)
-    mean = squares / (power.shape[0] * 3)
+    squares, count = np.sum(by_axis, axis=0), power.shape[0] * 3
     statistics = {
-        "largest over rms": np.sqrt(np.max(power, axis=(0, 1)) / mean),
-        "kurtosis": np.einsum("pad,pad->d", power, power) / (power.shape[0] * 3) / mean**2,
+        "largest over rms": np.sqrt(np.max(power, axis=(0, 1)) * count / squares),
+        "kurtosis": np.einsum("pad,pad->d", power, power) * count / squares**2,
         "correlation of neighbours": np.einsum("pad,pad->d", rows[1:], rows[:-1]) / squares,
         "largest position": np.max(by_position, axis=0) / squares,
     }
-    for axis, power_of_axis in zip(AXES, by_axis, strict=True):
-        statistics[f"share of axis {axis}"] = power_of_axis / squares
+    statistics |= {f"share of axis {axis}": own / squares for axis, own in zip(AXES, by_axis, strict=True)}
     if fit.problem.known:
         statistics["sum of squares"] = squares + np.sum(draws[fit.residuals.size :] ** 2, axis=0)
     return statistics
@@ -201,49 +191,40 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
 
     - `level`: standard deviation of the white residuals: 1 for known noise, otherwise that of the best explanation.
     """
-    q = fit.column_space
-    where = fit.problem.where
+    where, listed, waves = fit.problem.where, list[tuple[int, int, str]](), list[np.ndarray]()
     pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
-    listed, waves = list[tuple[int, int, str]](), list[np.ndarray]()
-    for setting in np.unique(pitch[fit.retained]):
-        at_setting = np.flatnonzero((pitch == setting) & fit.retained)
-        angles = int(setting_index(alpha[at_setting], held=False).max()) + 1
-        if angles < LEAST_ANGLES:
-            continue
-        for order in range(min(HARMONICS, angles // 2 + 1)):
-            for wave, values in (
-                ("cos", np.cos(order * alpha[at_setting])),
-                ("sin", np.sin(order * alpha[at_setting])),
-            ):
-                if np.sum(values**2) < 1e-9 * len(at_setting):
-                    continue
-                listed.append((int(setting), order, wave))
-                waves.append(np.zeros(len(alpha)))
-                waves[-1][at_setting] = values
+    for setting in np.unique(pitch[fit.retained]).tolist():
+        here = (pitch == setting) & fit.retained
+        angles = int(setting_index(alpha[here], held=False).max()) + 1
+        orders = range(min(HARMONICS, angles // 2 + 1)) if angles >= LEAST_ANGLES else ()
+        for order, (wave, function) in product(orders, {"cos": np.cos, "sin": np.sin}.items()):
+            values = here * function(order * alpha)
+            if np.sum(values**2) >= 1e-9 * np.sum(here):
+                listed.append((setting, order, wave))
+                waves.append(values)
     if not listed:
         return []
     # The combinations of white rows that are the sums of each axis's residuals (g) times each wave.
-    of_axis = np.array(waves).T[:, None, None] * np.eye(3)[None, :, :, None]
-    flat, whitening = of_axis.reshape(fit.residuals.size, -1), np.asarray(fit.problem.whitening)
-    correlated = whitening.ndim > 1
-    flat = np.linalg.solve(fit.problem.whitening_matrix.T, flat) if correlated else flat / whitening[:, None]
-    padded = np.concatenate([flat, np.zeros((len(fit.rows) - len(flat), flat.shape[1]))])
-    rows = padded.reshape(-1, 3, len(waves))
-    sizes = np.linalg.norm(rows - np.einsum("rk,kaw->raw", q, np.einsum("rk,raw->kaw", q, rows)), axis=0)
-    seen, sums = sizes / np.linalg.norm(rows, axis=0), np.einsum("raw,r->aw", rows, fit.rows)
-    in_sd = np.where(seen > VISIBLE, sums / np.maximum(sizes * level, 1e-300), np.nan).tolist()
-    return [
-        Discrepancy(name, *wave, float(seen[axis, k]), None if np.isnan(in_sd[axis][k]) else in_sd[axis][k])
-        for k, wave in enumerate(listed)
-        for axis, name in enumerate(AXES)
-    ]
+    flat = (np.array(waves).T[:, None, None] * np.eye(3)[:, :, None]).reshape(fit.residuals.size, -1)
+    flat = np.linalg.solve(fit.problem.whitening_matrix.T, flat)
+    rows = np.pad(flat, ((0, len(fit.rows) - len(flat)), (0, 0)))
+    sizes = np.linalg.norm(rows - fit.column_space @ (fit.column_space.T @ rows), axis=0)
+    seen = (sizes / np.linalg.norm(rows, axis=0)).tolist()
+    in_sd = (fit.rows @ rows / np.maximum(sizes * level, 1e-300)).tolist()
+    every = zip(product(AXES, listed), seen, in_sd, strict=True)
+    each = [Discrepancy(axis, *own, share, size if share > VISIBLE else None) for (axis, own), share, size in every]
+    return [each[axis * len(listed) + k] for k in range(len(listed)) for axis in range(3)]
 
 
 def normal_quantiles(fit: Fit) -> NormalQuantiles:
     """The residuals against normal quantiles, with the range of data simulated from the fitted model."""
     taken = np.flatnonzero(np.repeat(fit.retained, 3))
     level = 1.0 if fit.problem.known else fit.level
-    simulated = np.hstack([np.sort(draws[taken] / level, axis=0) for draws in simulated_residuals(fit)])
+    draws = np.hstack(list(_projected(fit)))
+    if not fit.problem.known:
+        # Every draw is scaled to the measured sum of squares.
+        draws *= np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0)
+    simulated = np.sort(draws[taken] / level, axis=0)
     low, middle, high = np.quantile(simulated, [_OUTSIDE, 0.5, 1 - _OUTSIDE], axis=1)
     ranks = (np.arange(len(taken)) + 0.5) / len(taken)
     return NormalQuantiles(ndtri(ranks), np.sort(fit.rows[taken]) / level, middle, low, high)

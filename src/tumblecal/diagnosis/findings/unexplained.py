@@ -121,11 +121,17 @@ def excess(whole: ResidualSpace, fit: Fit, law: Law | None) -> Excess:
     - `whole`: residual of the fit. `law`: law that explains it, if there is one.
     """
     where, residuals = fit.problem.where, np.asarray(fit.residuals)
-    for form in _regions(whole, where):
-        inside = values_of([form], where, np.zeros((len(np.asarray(where.alpha)), 3)))[0] > 0
-        if _acts_outside(law, inside):
+    sizes = np.zeros(len(residuals)) if law is None else np.max(np.abs(law.signal), axis=1)
+    for form, inside in _regions(whole, where):
+        # Not the region, if there is a law that makes much of its error outside of it.
+        if np.max(sizes[~inside], initial=0.0) > OUTSIDE_REGION * np.max(sizes):
             continue
-        if _explains(whole.without(whole.of_positions(inside)), where):
+        rest = whole.without(whole.of_positions(inside))
+        if rest.p_value is None:
+            explained = rest.dof > 0 and not np.any(_scanned(rest, where)[1] > 0)
+        else:
+            explained = rest.p_value > EXPLAINED_REST
+        if explained:
             values, sd = whole.predicted_errors(inside)
             errors = residuals.copy()
             errors[inside] = values
@@ -135,31 +141,19 @@ def excess(whole: ResidualSpace, fit: Fit, law: Law | None) -> Excess:
     return Excess("", np.asarray(fit.retained).copy(), _ranges(values[fit.retained], sd[fit.retained]), residuals)
 
 
-def _acts_outside(law: Law | None, inside: Bool[np.ndarray, " positions"]) -> bool:
-    """Whether there is a law and it makes much of its error outside of a region."""
-    if law is None:
-        return False
-    sizes = np.max(np.abs(law.signal), axis=1)
-    return bool(np.max(sizes[~inside], initial=0.0) > OUTSIDE_REGION * np.max(sizes))
-
-
 def _ranges(values: Float[np.ndarray, "inside 3"], sd: Float[np.ndarray, "inside 3"]) -> tuple[Range, ...]:
     together = np.abs(np.sum(values / sd**2, axis=0)) / np.sqrt(np.sum(1 / sd**2, axis=0))
-    sure = (np.max(np.abs(values) / sd, axis=0) > SURE_OUTPUT) | (together > SURE_OUTPUT)
-    if not np.any(sure):
-        sure = together == np.max(together)
-    listed = [
-        Range(axis, float(min(np.min(values[:, k]), 0.0)), float(max(np.max(values[:, k]), 0.0)))
-        for k, axis in enumerate(AXES)
-        if sure[k]
-    ]
+    sure = np.maximum(np.max(np.abs(values) / sd, axis=0), together) > SURE_OUTPUT
+    shown = sure if np.any(sure) else together == np.max(together)
+    lows, highs = np.minimum(np.min(values, axis=0), 0.0).tolist(), np.maximum(np.max(values, axis=0), 0.0).tolist()
+    listed = [Range(axis, lows[k], highs[k]) for k, axis in enumerate(AXES) if shown[k]]
     return tuple(sorted(listed, key=lambda errors: -errors.largest))
 
 
-def _regions(whole: ResidualSpace, where: Where) -> list[Form]:
-    """The regions in which an offset explains about as much as in the best, the smallest first."""
-    listed, scores, counts = _scanned(whole, where)
-    best = np.max(scores, initial=-np.inf)
+def _regions(whole: ResidualSpace, where: Where) -> list[tuple[Form, Bool[np.ndarray, " positions"]]]:
+    """The regions in which an offset explains about as much as in the best, the smallest first, and their positions."""
+    listed, scores, inside = _scanned(whole, where)
+    best, counts = np.max(scores, initial=-np.inf), np.sum(inside, axis=1)
     if best <= 0:
         return []
     of_time = np.array([form.against == "time" for form in listed])
@@ -168,25 +162,19 @@ def _regions(whole: ResidualSpace, where: Where) -> list[Form]:
         scores = np.where(of_time, -np.inf, scores)
     near = [k for k in np.argsort(counts, kind="stable").tolist() if scores[k] > NEAR_REGION * best]
     near = sorted(near, key=lambda k: -scores[k])[:REGIONS_COMPARED]
-    return [listed[k] for k in sorted(near, key=lambda k: counts[k])]
+    return [(listed[k], inside[k]) for k in sorted(near, key=lambda k: counts[k])]
 
 
-def _scanned(whole: ResidualSpace, where: Where) -> tuple[Sequence[Form], np.ndarray, np.ndarray]:
+def _scanned(
+    whole: ResidualSpace, where: Where
+) -> tuple[Sequence[Form], Float[np.ndarray, " regions"], Bool[np.ndarray, "regions positions"]]:
     """All regions, twice the log of what an offset on each output in it is more probable than nothing, and their positions."""
     listed = [*boxes(where), *(pulses(where) if where.time_s is not None else ())]
     count = len(np.asarray(where.alpha))
-    if not listed:
-        return [], np.zeros(0), np.zeros(0)
     values = values_of(listed, where, np.zeros((count, 3)))
+    if not listed:
+        return [], np.zeros(0), values > 0
+    (scores,) = log_odds(whole, values[:, None], np.moveaxis(whole.responses, 2, 0), [range(3)])
     counts = values.sum(axis=1)
-    (scores,) = log_odds(whole, values[:, None], np.moveaxis(whole.responses, 2, 0), [range(3)]) - 2 * np.log(
-        len(listed)
-    )
-    return listed, np.where((counts > 0) & (counts <= LARGEST_REGION * count), scores, -np.inf), counts
-
-
-def _explains(rest: ResidualSpace, where: Where) -> bool:
-    """Whether the residual is consistent with noise."""
-    if rest.p_value is not None:
-        return rest.p_value > EXPLAINED_REST
-    return rest.dof > 0 and bool(np.max(_scanned(rest, where)[1], initial=-np.inf) <= 0)
+    fits = (counts > 0) & (counts <= LARGEST_REGION * count)
+    return listed, np.where(fits, scores - 2 * np.log(len(listed)), -np.inf), values > 0

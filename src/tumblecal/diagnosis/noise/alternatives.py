@@ -55,10 +55,9 @@ class NoiseAlternatives:
     def by_kind(self) -> tuple[Int[np.ndarray, " alternatives"], Int[np.ndarray, " kinds"]]:
         """The alternatives of each label and kind together, and where each kind begins."""
         kinds = [(model.label, model.kind) for model in self.listed]
-        number = {kind: k for k, kind in enumerate(dict.fromkeys(kinds))}
-        own = np.array([number[kind] for kind in kinds], int)
+        own = np.array([kinds.index(kind) for kind in kinds], int)
         order = np.argsort(own, kind="stable")
-        return order, np.searchsorted(own[order], np.arange(len(number)))
+        return order, np.unique(own[order], return_index=True)[1]
 
     def without(self, labels: tuple[str, ...]) -> "NoiseAlternatives":
         """The alternatives with other labels than these."""
@@ -70,9 +69,8 @@ class NoiseAlternatives:
     def whitening(self) -> Whitening:
         """The covariances of those without tails."""
         gaussian = [model for model in self.listed if model.tail is None]
-        of_means = [model.of_means for model in gaussian]
-        covariances = [model.covariance for model in gaussian]
-        return Whitening(self.at, covariances, self.repeats if any(of_means) else None, of_means)
+        covariances, of_means = [model.covariance for model in gaussian], [model.of_means for model in gaussian]
+        return Whitening(self.at, covariances, self.repeats, of_means)
 
     @cached_property
     def repeats(self) -> Repeats:
@@ -91,49 +89,42 @@ class NoiseAlternatives:
         if np.any(gaussian):
             squares = self.whitening.squares(z.T) if squares is None else squares
             evidence[gaussian] = log_evidence_of_noise(squares, dof, known) - self.whitening.half_log_dets[:, None]
-        if np.any(self.is_level):
-            evidence[self.is_level] = log_evidence_of_noise(np.sum(z**2, axis=1), dof, known=False)
-        for of_means in (False, True):
-            own = [k for k, model in enumerate(self.listed) if model.tail is not None and model.of_means == of_means]
-            if own:
-                tails = np.array([self.listed[k].tail for k in own], float)
-                evidence[own] = self._with_tails(z, tails, known, of_means)
+        evidence[self.is_level] = log_evidence_of_noise(np.vecdot(z, z), dof, known=False)
+        for number in np.flatnonzero(~gaussian).tolist():
+            evidence[number] = self._with_tail(z, self.listed[number], known)
         return (evidence + self.log_weights[:, None]).T
 
-    def _with_tails(
-        self, z: Float[np.ndarray, "draws nu"], tails: Float[np.ndarray, " tails"], known: bool, of_means: bool
-    ) -> Float[np.ndarray, "tails draws"]:
+    def _with_tail(
+        self, z: Float[np.ndarray, "draws nu"], model: NoiseModel, known: bool
+    ) -> Float[np.ndarray, " draws"]:
         """Log evidence of Student's t against the normal: of the readings' residuals, each with its own best scale (profile
         likelihood), or of means over repeats whose differences show the scale.
 
         The residuals have fewer dimensions than rows: each is counted in its own standard deviation and for its share of the
         dimensions (one minus its leverage), or unequal leverages would look like heavy tails.
         """
-        rows, dof, total = self.at.basis[: self.at.problem.readings.size], z.shape[1], np.vecdot(z, z)
+        rows, dof, total, tail = self.at.basis[: self.at.problem.readings.size], z.shape[1], np.vecdot(z, z), model.tail
+        assert tail is not None
         variance = np.ones(len(z)) if known else total / dof
-        of_differences, pure = np.zeros(len(z)), variance
-        if of_means:
+        of_differences, scale = np.zeros(len(z)), variance
+        if model.of_means:
             turned, mean = self.repeats.turned(rows), np.repeat(self.repeats.is_mean, 3)
             rows, differences, free = turned[mean], z @ turned[~mean].T, float(np.sum(turned[~mean] ** 2))
             shown = np.vecdot(differences, differences)
-            pure = variance if known else np.maximum(shown / free, 1e-12 * variance)
-            of_differences = -0.5 * (free * np.log(pure / variance) + shown * (1.0 / pure - 1.0 / variance))
+            scale = variance if known else np.maximum(shown / free, 1e-12 * variance)
+            of_differences = -0.5 * (free * np.log(scale / variance) + shown * (1.0 / scale - 1.0 / variance))
         share = np.vecdot(rows, rows)
         rows, share = rows[share > _LEAST_SHARE], share[share > _LEAST_SHARE]
         squares = (z @ rows.T) ** 2 / share
-        spread, scale = variance, np.tile(pure, (len(tails), 1))
-        if not (known or of_means):
+        spread = variance
+        if not (known or model.of_means):
             # The squared scale of the highest likelihood of Student's t, by reweighting (Lange, Little and Taylor 1989).
-            spread, tail = squares @ share / np.sum(share), tails[:, None, None]
-            scale = np.tile(0.5 * variance, (len(tails), 1))
+            spread, scale = squares @ share / np.sum(share), 0.5 * variance
             for _ in range(_STEPS):
-                scale = ((tail + 1) / (tail + squares / scale[:, :, None]) * squares) @ share / np.sum(share)
+                scale = ((tail + 1) / (tail + squares / scale[:, None]) * squares) @ share / np.sum(share)
             scale = np.maximum(scale, 1e-12 * np.maximum(variance, 1e-300))
-        # Log densities of Student's t with these degrees of freedom and squared scales.
-        constant = gammaln((tails + 1) / 2) - gammaln(tails / 2) - 0.5 * np.log(tails * np.pi)
-        student = -0.5 * (tails[:, None, None] + 1) * np.log1p(squares / (scale[:, :, None] * tails[:, None, None]))
-        log_t = student + (constant[:, None] - 0.5 * np.log(scale))[:, :, None]
-        # Log densities of the normal distribution of these variances.
+        # Log densities of Student's t with these degrees of freedom and squared scales, and of the normal distribution.
+        constant = gammaln((tail + 1) / 2) - gammaln(tail / 2) - 0.5 * np.log(tail * np.pi * scale)
+        log_t = constant[:, None] - 0.5 * (tail + 1) * np.log1p(squares / (scale * tail)[:, None])
         log_normal = -0.5 * (np.log(2 * np.pi * spread)[:, None] + squares / spread[:, None])
-        gain = (log_t - log_normal) @ share
-        return log_evidence_of_noise(total, dof, known) + of_differences + gain
+        return log_evidence_of_noise(total, dof, known) + of_differences + (log_t - log_normal) @ share

@@ -1,12 +1,11 @@
 """The noise fitted to the residuals by restricted maximum likelihood, so that all later tests are correct again."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.noise.models import Family, NoiseModel
+from tumblecal.diagnosis.noise.models import NoiseModel
 from tumblecal.estimation.problem import Problem
 from tumblecal.full_model.tangent import Tangent
 from tumblecal.noise.covariance import Covariance
@@ -14,22 +13,8 @@ from tumblecal.noise.covariance import Covariance
 
 _STEPS = 8
 
-
-@dataclass(frozen=True)
-class _Residuals:
-    """White rows of the readings (no priors) and their systematic part: `fitted` spans the nominal model and the causes;
-    `rows` is the residual without their faults."""
-
-    rows: Float[np.ndarray, " readings"]
-    fitted: Float[np.ndarray, "readings columns"]
-
-    def weighted(
-        self, white: Float[np.ndarray, " readings"]
-    ) -> tuple[Float[np.ndarray, " readings"], Float[np.ndarray, "readings columns"]]:
-        """Residual of the rows multiplied by `white`, and the orthonormal basis of the fit."""
-        q, _ = np.linalg.qr(self.fitted * white[:, None])
-        rows = self.rows * white
-        return rows - q @ (q.T @ rows), q
+# White rows of the readings (no priors) without the faults of the causes, and what spans the nominal model and the causes.
+_Residuals = tuple[Float[np.ndarray, " readings"], Float[np.ndarray, "readings columns"]]
 
 
 def corrected(
@@ -45,80 +30,85 @@ def corrected(
     - `q`: basis of the signals of the set's effects.
     """
     problem, count = at.problem, at.problem.readings.size
-    residuals = _Residuals((at.basis @ moved)[:count], np.hstack([at.reached, at.basis @ q])[:count])
-    relative, words = _fitted(problem, residuals, best)
+    residuals = (at.basis @ moved)[:count], np.hstack([at.reached, at.basis @ q])[:count]
+    relative, words = best.covariance, best.words
+    if best.tail is not None:
+        relative = Covariance(1.0 / _tail_weights(residuals, best.tail), "rows")
+    elif best.at_level is not None and best.described is not None:
+        level, sigma = _refined(residuals, best)
+        relative, words = best.at_level(level), best.described(level, sigma)
+    elif best.groups is not None:
+        sd = _group_sd(residuals, best.groups)
+        relative, words = Covariance(sd[best.groups] ** 2, "rows"), _group_words(sd, best.names, problem)
     # What a reading shares with others leaves its own sd as it was.
     sd = problem.sd * relative.sd.reshape(-1, 3) if relative.form == "rows" else problem.sd
     return problem.with_noise(problem.noise.compounded(relative), known=False, sd=sd), words
 
 
-def _fitted(problem: Problem, residuals: _Residuals, best: NoiseModel) -> tuple[Covariance, str]:
-    """Covariance of the white rows, and its description."""
-    count = len(residuals.rows)
-    if best.tail is not None:
-        return Covariance(1.0 / _tail_weights(residuals, best.tail), "rows"), best.words
-    if best.family is not None:
-        level, sigma = _refined(residuals, best.family, best.level)
-        return best.family.covariance(level), best.family.words(level, sigma)
-    if best.groups is not None:
-        ratio = _group_sd(residuals, best.groups.of_rows)
-        words = f"sd {best.groups.compared(ratio / min(ratio))}"
-        if problem.known:
-            words = f"the dispersion between positions is the stated sd times {best.groups.listed(ratio)}"
-        return Covariance(ratio[best.groups.of_rows] ** 2, "rows"), words
-    if best.covariance.form == "rows" and np.ptp(best.covariance.values) == 0:
-        rest, q = residuals.weighted(np.ones(count))
-        level = float(np.sqrt(rest @ rest / (count - q.shape[1])))
-        repeat = level * float(np.median(problem.sd)) * 1e3
-        words = f"every sd times {level:.2g}" + (f": the positions repeat to {repeat:.2g} mg" if problem.known else "")
-        return Covariance(np.full(count, level**2), "rows"), words
-    return best.covariance, best.words
+def _group_words(sd: Float[np.ndarray, " groups"], names: tuple[str, ...], problem: Problem) -> str:
+    """The standard deviations of all readings, of the axes, or of a part of the readings and the others."""
+    if len(names) == 1:
+        repeat = float(sd[0] * np.median(problem.sd)) * 1e3
+        return f"every sd times {sd[0]:.2g}" + (f": the positions repeat to {repeat:.2g} mg" if problem.known else "")
+    part = len(names) == 2
+
+    def listed(numbers: Float[np.ndarray, " groups"]) -> str:
+        pairs = zip(names, numbers.tolist(), strict=True)
+        return ", ".join(f"{own:.2g} {name}" if part else f"{name} {own:.2g}" for name, own in pairs)
+
+    if problem.known:
+        return f"the dispersion between positions is the stated sd times {listed(sd)}"
+    return (
+        f"sd {names[0]} {sd[0] / sd[1]:.2g} times that {names[1]}"
+        if part
+        else (f"sd of the axes as {listed(sd / min(sd))}")
+    )
 
 
-def _refined(residuals: _Residuals, family: Family, level: float) -> tuple[float, float]:
+def _fitted(
+    residuals: _Residuals, covariance: Covariance
+) -> tuple[Float[np.ndarray, " readings"], Float[np.ndarray, "readings columns"], float]:
+    """White residual under a covariance, the orthonormal basis of the fit, and half the logarithm of the determinant."""
+    rows, fitted = (covariance.whiten(own) for own in residuals)
+    q, r = np.linalg.qr(fitted)
+    log_det = covariance.half_log_det + float(np.sum(np.log(np.abs(np.diag(r)) + 1e-300)))
+    return rows - q @ (q.T @ rows), q, log_det
+
+
+def _refined(residuals: _Residuals, best: NoiseModel) -> tuple[float, float]:
     """The level of the highest restricted likelihood between the neighbours of the best one tried, and the sd there."""
     from scipy.optimize import minimize_scalar  # a third of a second, which data whose noise is right do without
 
-    levels = sorted(family.levels)
-    number = levels.index(level)
-    low = levels[number - 1] if number else levels[0] / 3
-    high = levels[number + 1] if number + 1 < len(levels) else (0.99 if level < 1 else 5 * level)
-
-    def fitted(log_level: float) -> tuple[float, float, int]:
-        """Half the logarithm of the determinant, the residual sum of squares and its degrees of freedom."""
-        covariance = family.covariance(float(np.exp(log_level)))
-        rows = covariance.whiten(residuals.rows)
-        q, r = np.linalg.qr(covariance.whiten(residuals.fitted))
-        rest = rows - q @ (q.T @ rows)
-        log_det = covariance.half_log_det + float(np.sum(np.log(np.abs(np.diag(r)) + 1e-300)))
-        return log_det, max(float(rest @ rest), 1e-300), len(rows) - q.shape[1]
+    at_level, (level, *levels) = best.at_level, best.levels
+    assert at_level is not None
+    ends = [min(levels) / 3, *sorted(levels), 0.99 if level < 1 else 5 * level]
+    number, free = ends.index(level), float(np.subtract(*residuals[1].shape))
 
     def cost(log_level: float) -> float:
-        log_det, residual_ss, free = fitted(log_level)
-        return log_det + 0.5 * free * float(np.log(residual_ss))
+        rest, _, log_det = _fitted(residuals, at_level(float(np.exp(log_level))))
+        return log_det + free * float(np.log(np.linalg.norm(rest) + 1e-150))
 
-    least: Any = minimize_scalar(cost, bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.02})
-    _, residual_ss, free = fitted(least.x)
-    return float(np.exp(least.x)), float(np.sqrt(residual_ss / free))
+    bounds = np.log(ends[number - 1]), np.log(ends[number + 1])
+    least: Any = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.02})
+    level = float(np.exp(least.x))
+    return level, float(np.linalg.norm(_fitted(residuals, at_level(level))[0]) / np.sqrt(free))
 
 
-def _group_sd(residuals: _Residuals, of_rows: Int[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
+def _group_sd(residuals: _Residuals, groups: Int[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
     """Each group's sd in white units by restricted maximum likelihood (Patterson and Thompson 1971), by iteration."""
-    variance = np.ones(int(of_rows.max()) + 1)
+    variance = np.ones(int(groups.max()) + 1)
     for _ in range(_STEPS):
-        rows, q = residuals.weighted(1.0 / np.sqrt(variance[of_rows]))
-        residual_ss, free = (np.bincount(of_rows, own) for own in (rows**2, 1.0 - np.sum(q**2, axis=1)))
+        rows, q, _ = _fitted(residuals, Covariance(variance[groups], "rows"))
+        residual_ss, free = (np.bincount(groups, own) for own in (rows**2, 1.0 - np.sum(q**2, axis=1)))
         variance *= np.maximum(residual_ss / np.maximum(free, 1e-12), 1e-12)
     return np.sqrt(variance)
 
 
 def _tail_weights(residuals: _Residuals, tail: float) -> Float[np.ndarray, " readings"]:
     """Weights of a Student's t fit: readings far out count less (Lange, Little and Taylor 1989)."""
-    count = len(residuals.rows)
-    weights = np.ones(count)
+    weights = np.ones(len(residuals[0]))
     for _ in range(4 * _STEPS):
-        rest, q = residuals.weighted(np.sqrt(weights))
-        rest = rest / np.sqrt(weights)
-        scale = np.sum(weights * rest**2) / (count - q.shape[1])
-        weights = (tail + 1) / (tail + rest**2 / scale)
+        rows, q, _ = _fitted(residuals, Covariance(1.0 / weights, "rows"))
+        scale = np.sum(rows**2) / (len(weights) - q.shape[1])
+        weights = (tail + 1) / (tail + rows**2 / weights / scale)
     return weights

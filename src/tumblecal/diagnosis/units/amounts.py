@@ -8,8 +8,6 @@ likelihood ratio; its null distribution is drawn from the scatter, with the best
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -31,47 +29,23 @@ _LEAST_UNITS = 2
 _DRAWS = 1000
 
 
-@dataclass(frozen=True)
-class UnitAmounts:
+class UnitAmounts(NamedTuple):
     """Information of every unit on one effect.
 
-    - `equations`: of every unit, for the combinations of scaled coefficients that the units determine: the columns of `axes`.
+    - `equations`: of every unit, for the combinations of scaled coefficients that the units determine: the columns of `axes`;
+      `determined`: the coefficients that they determine by themselves.
+    - `shown_in`: numbers of the units that show it clearly, each by itself.
+    - `tau`: the standard deviation between units about their mean, scaled coefficients: the most likely one.
+    - `mean`: of these units and its sd by their noise, scaled, without combinations that no unit determines.
     """
 
     signal: SharedSignal
     equations: NormalEquations
     axes: Float[np.ndarray, "coefficients determined"]
-
-    @cached_property
-    def determined(self) -> Bool[np.ndarray, " coefficients"]:
-        """Which coefficients the units determine by themselves."""
-        return np.sum(self.axes**2, axis=1) > _DETERMINED
-
-    @cached_property
-    def shown_in(self) -> tuple[int, ...]:
-        """Numbers of the units that show it clearly, each by itself."""
-        gram, towards, _ = self.equations
-        p_values = chi2_p_value(*explained(gram, towards, rounding_of(gram)))
-        return tuple(np.flatnonzero(p_values < SHOWN_ALONE / len(p_values)).tolist())
-
-    @cached_property
-    def tau(self) -> float:
-        """The standard deviation between units about their mean, scaled coefficients: the most likely one."""
-        return most_likely_spread(self.equations)[0]
-
-    @cached_property
-    def mean(self) -> tuple[Float[np.ndarray, " coefficients"], Float[np.ndarray, " coefficients"]]:
-        """The mean of these units and its sd by their noise, scaled, without combinations that no unit determines."""
-        gram = self.equations.gram
-        about = self.equations.marginal(range(gram.shape[-1]), self.tau)
-        weights = np.linalg.inv(np.eye(gram.shape[-1]) + self.tau**2 * gram)
-        covariance = np.linalg.inv(about.total.gram)
-        noise = covariance @ np.sum(weights @ gram @ weights.mT, axis=0) @ covariance
-        return self.axes @ covariance @ about.total.towards, _sd(self.axes, noise)
-
-
-def _sd(axes: Float[np.ndarray, "coefficients k"], covariance: Float[np.ndarray, "k k"]) -> np.ndarray:
-    return np.sqrt(np.vecdot(axes @ covariance, axes))
+    determined: Bool[np.ndarray, " coefficients"]
+    shown_in: tuple[int, ...]
+    tau: float
+    mean: tuple[Float[np.ndarray, " coefficients"], Float[np.ndarray, " coefficients"]]
 
 
 def unit_amounts(batch: Batch, best: SharedExplanation, signal: SharedSignal) -> UnitAmounts:
@@ -86,7 +60,20 @@ def unit_amounts(batch: Batch, best: SharedExplanation, signal: SharedSignal) ->
             equations = equations.marginal(*effect.law)
     own = equations.of(signal.columns)
     axes, _ = determined(own.total.gram)
-    return UnitAmounts(signal, own.along(axes), axes)
+    own = own.along(axes)
+    gram, towards, _ = own
+    p_values = chi2_p_value(*explained(gram, towards, rounding_of(gram)))
+    shown_in = tuple(np.flatnonzero(p_values < SHOWN_ALONE / len(p_values)).tolist())
+    tau, _ = most_likely_spread(own)
+    about = own.marginal(range(axes.shape[1]), tau).total
+    weights, covariance = np.linalg.inv(np.eye(axes.shape[1]) + tau**2 * gram), np.linalg.inv(about.gram)
+    noise = covariance @ np.sum(weights @ gram @ weights.mT, axis=0) @ covariance
+    mean = axes @ covariance @ about.towards, _sd(axes, noise)
+    return UnitAmounts(signal, own, axes, np.sum(axes**2, axis=1) > _DETERMINED, shown_in, tau, mean)
+
+
+def _sd(axes: Float[np.ndarray, "coefficients k"], covariance: Float[np.ndarray, "k k"]) -> np.ndarray:
+    return np.sqrt(np.vecdot(axes @ covariance, axes))
 
 
 def most_likely_spread(equations: NormalEquations) -> tuple[float, float]:

@@ -123,31 +123,34 @@ def head_fit(
     for effect in hypothesis.random_effects:
         equations = equations.marginal(*effect.law)
     # Means of the units' amounts are fitted too, but are nothing of the head.
-    axes = np.asarray(block_diag(embedded([*shown, *hypothesis.means], width), np.eye(len(levels))))
-    equations, count = equations.along(axes), axes.shape[1] - len(levels)
-    counted = np.array([number not in excluded for number in range(len(batch.units))])
-    of_shared, of_pitch = np.split(np.arange(axes.shape[1]), [count])
+    shared_axes = embedded([*shown, *hypothesis.means], width)
+    equations, count = equations.along(np.asarray(block_diag(shared_axes, np.eye(len(levels))))), shared_axes.shape[1]
+    of_pitch, counted = range(count, count + len(levels)), np.isin(range(len(batch.units)), [*excluded], invert=True)
     separate = equations.eliminated(of_pitch)
-    common, solution = separate.of(of_shared).only(counted).total, np.zeros(axes.shape[1])
-    solution[of_shared] = np.linalg.solve(common.gram, common.towards)
+    own = separate.of(range(count))
+    common = own.only(counted).total
+    solution = np.pad(np.linalg.solve(common.gram, common.towards), (0, len(levels)))
     most_alone = most_excluded(len(counted)) - len(excluded)
     pitch = pitch_settings(equations.given(solution).of(of_pitch), counted, most_alone)
     # Of the settings of a unit with other pitch errors nothing is known.
     seen = np.flatnonzero(pitch.seen) if pitch.common else np.zeros(0, int)
-    kept, alone = [*of_shared, *of_pitch[seen]], [*pitch.alone, *excluded] if pitch.common else [*range(len(counted))]
-    joint, own = equations.of(kept), separate.of(kept)
-    joint.gram[alone], joint.towards[alone] = own.gram[alone], own.towards[alone]
-    scales = np.concatenate([np.zeros(0), *(signal.scales for signal, _ in shown)])
-    to_head = scales[:, None] * np.asarray(block_diag(np.zeros((0, 0)), *(axes for _, axes in shown)))
-    to_head = np.pad(to_head, ((0, 0), (0, count - to_head.shape[1])))
+    alone = [*pitch.alone, *excluded] if pitch.common else [*range(len(counted))]
+    kept = [*range(count), *(count + seen)]
+    joint, of_unit = equations.of(kept), separate.of(kept)
+    joint.gram[alone], joint.towards[alone] = of_unit.gram[alone], of_unit.towards[alone]
+    # Names, units, directions and covariances of combinations that no unit shows, of each error of the head.
+    to_head = np.zeros((sum(len(axes) for _, axes in shown), count))
+    to_head[:, : sum(axes.shape[1] for _, axes in shown)] = block_diag(
+        np.zeros((0, 0)), *(np.array(signal.scales)[:, None] * axes for signal, axes in shown)
+    )
+    hidden = [(np.eye(len(q)) - q @ q.T) * np.outer(signal.scales, signal.scales) for signal, q in shown]
     names = [*(name for signal, _ in shown for name in signal.slot.names), *(levels[k] for k in seen)]
     bases = [*(base for signal, _ in shown for base in signal.slot.units), *["rad"] * len(seen)]
     directions, head = np.asarray(block_diag(to_head, TERM_SCALE * np.eye(len(seen)))), None
     if names:
         total = joint.only(counted).total
-        hidden = [(np.eye(len(q)) - q @ q.T) * np.outer(signal.scales, signal.scales) for signal, q in shown]
         covariance = directions @ np.linalg.inv(total.gram) @ directions.T
-        covariance += _KEPT**2 * np.asarray(block_diag(*hidden, np.zeros((len(seen), len(seen)))))
+        covariance += _KEPT**2 * np.asarray(block_diag(np.zeros((0, 0)), *hidden, np.zeros((len(seen), len(seen)))))
         head = MeasuredHead(
             tuple(signal.label for signal, _ in shown),
             tuple(names),
@@ -155,11 +158,10 @@ def head_fit(
             directions @ np.linalg.solve(total.gram, total.towards),
             # head.toml is refused where rounding makes a covariance asymmetric.
             0.5 * (covariance + covariance.T),
-            tuple(source for source, counts in zip(sources, counted.tolist(), strict=True) if counts),
+            tuple(np.array(sources, object)[counted].tolist()),
         )
     # The estimate of the shared coefficients by every unit alone; nan where it shows nothing of one.
-    covariances = pseudo_inverse(separate.of(of_shared).gram)
-    values = np.matvec(to_head @ covariances, separate.of(of_shared).towards)
+    covariances = pseudo_inverse(own.gram)
     sd = np.sqrt(np.vecdot(to_head @ covariances, to_head))
-    values, sd = (np.where(sd > 0, part, np.nan) for part in (values, sd))
-    return HeadFit(head, pitch, values, sd, directions, joint, excluded)
+    values = np.where(sd > 0, np.matvec(to_head @ covariances, own.towards), np.nan)
+    return HeadFit(head, pitch, values, np.where(sd > 0, sd, np.nan), directions, joint, excluded)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.detection.detect import statistics
-from tumblecal.diagnosis.lack_of_fit.components import mean_over_sizes
+from tumblecal.diagnosis.lack_of_fit.evidence import mean_over_sizes
 from tumblecal.diagnosis.priors import (
     INDISTINGUISHABLE,
     LACK_OF_FIT_WEIGHT,
