@@ -8,7 +8,7 @@ import pytest
 import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis.causes.faults import mislabel, outlier, swap
-from tumblecal.diagnosis.causes.jumps import jumps
+from tumblecal.diagnosis.causes.terms import jumps
 from tumblecal.diagnosis.causes.plan_steps import plan_steps
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.estimation import exact, problem_of

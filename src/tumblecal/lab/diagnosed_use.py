@@ -8,7 +8,7 @@ import numpy as np
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.calibration_use import Use, combined
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED
 from tumblecal.diagnosis.findings.determined import says_something
 from tumblecal.estimation.contradicted import dof_of_readings
 from tumblecal.estimation.intrinsic import one_sensor

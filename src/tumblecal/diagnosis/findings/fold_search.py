@@ -13,8 +13,7 @@ from tumblecal.diagnosis.findings.gain import fold_errors
 from tumblecal.diagnosis.priors import COLLINEAR, FOLD_ROUNDS, FOLD_SETS, FOLD_SINGLES, HOPELESS, NEAR_IN_FOLDS
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of, rows_of
-from tumblecal.diagnosis.sets.enlarged import Enlarged
-from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.diagnosis.sets.partial_set import partial_sets, with_each
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.full_model.evidence import highest_shortfall, log_evidence_at_most
 from tumblecal.full_model.priors import SIZE_PRIOR
@@ -97,7 +96,7 @@ class _FoldSearch:
         """The best set for each fold: from the starts by adding, dropping and exchanging causes, until none is better."""
         folds = range(len(self._asides))
         parts = [part for members in self._starts for part in parts_of(members)]
-        best = self._begun(sorted({k for members in self._starts for k in members}))
+        best = self._begun()
         todo = dict.fromkeys((fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *parts))
         # The whole sets first: they are the best of nearly every fold, which leaves few of their parts.
         self._promising([(fold, members) for members in self._starts if len(members) > 1 for fold in folds])
@@ -108,20 +107,12 @@ class _FoldSearch:
             self._expand([each for each in todo if each[1] and each not in self._scores])
         return [members for _, members in self._best]
 
-    def _begun(self, wanted: list[int]) -> list[list[int]]:
-        """The causes alone scored for every fold, those of the starts in any case: the best of each fold."""
+    def _begun(self) -> list[list[int]]:
+        """The causes alone scored for every fold: the best of each fold."""
         nothing = partial_sets(self._pool, self._z, [()] * len(self._asides), self._asides)
-        enlarged, prior = (
-            Enlarged(self._pool, self._known, nothing),
-            SetPriors.of(self._pool, rows_of([()])).with_each(),
-        )
-        scores = enlarged.evidence + prior
-        known = np.where(enlarged.open, -np.inf, scores)
-        count = min(FOLD_SINGLES, scores.shape[1])
-        here = scores >= np.partition(known, -count, axis=1)[:, -count, None]
-        here[:, wanted] = True
-        enlarged.settle(here)
-        self._singles = np.where(enlarged.open, -np.inf, enlarged.evidence + prior)
+        evidence, prior = with_each(self._pool, self._known, nothing), SetPriors.of(self._pool, rows_of([()])).with_each()
+        self._singles = evidence[:, : self._pool.size] + prior
+        count = min(FOLD_SINGLES, self._pool.size)
         best = np.argpartition(self._singles, -count, axis=1)[:, -count:].tolist()
         empty = nothing.log_evidence(self._pool.dof, self._known) + np.log(SIZE_PRIOR[0])
         for fold, (alone, causes, row) in enumerate(zip(empty.tolist(), best, self._singles, strict=True)):
@@ -199,12 +190,12 @@ class _FoldSearch:
         """Score sets (fold, members) with each of the further causes; the best of each fold is kept."""
         if not self._numbers:
             return
-        step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (self._near.stacked.shape[1] + len(self._near.faults) + 1)))
+        step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (len(self._near.rows) + len(self._near.faults) + 1)))
         for first in range(0, len(sets), step):
             part = sets[first : first + step]
             asides = self._asides[[fold for fold, _ in part]]
             bases = partial_sets(self._pool, self._z, [members for _, members in part], asides)
-            scores = Enlarged(self._near, self._known, bases).settled()
+            scores = with_each(self._near, self._known, bases)[:, : self._near.size]
             scores = scores + np.stack([self._prior(members) for _, members in part])
             best = np.argmax(scores, axis=1).tolist()
             for each, row, column in zip(part, scores, best, strict=True):

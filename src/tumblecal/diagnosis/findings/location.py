@@ -15,13 +15,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause
-from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.causes.table import CauseTable
+from tumblecal.diagnosis.causes.table import Pool
 from tumblecal.diagnosis.priors import LEAST_LOCATED_ODDS
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import rows_of
-from tumblecal.diagnosis.sets.enlarged import Enlarged
-from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.diagnosis.sets.partial_set import partial_sets, with_each
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.full_model.priors import VISIBLE
 from tumblecal.full_model.tangent import Tangent
@@ -73,10 +71,9 @@ def located(screened: Screened) -> list[Located]:
     least = 0.0 if screened.best.unexplained else LEAST_LOCATED_ODDS
     whole = search.posterior_at(members, search.left(members)) if members else screened.log_posterior_of_unexplained
     rests = [rest for size in range(max(1, len(members))) for rest in combinations(members, size)]
-    enlarged = Enlarged(cut, search.known, partial_sets(search.pool, search.z, rests))
+    evidence = with_each(cut, search.known, partial_sets(search.pool, search.z, rests))[:, : cut.size]
     prior = SetPriors.of(pool, rows_of(rests)).beside(cut.log_weights) - whole
-    enlarged.settle(enlarged.evidence + prior > least)
-    odds = np.where(enlarged.open, -np.inf, enlarged.evidence + prior)
+    odds = evidence + prior
     best: dict[str, Located] = {}
     for row, k in np.argwhere(odds > least).tolist():
         label, others, (words, inside) = (
@@ -118,12 +115,12 @@ def _in_parts(
     )
     labels = [causes[k].label for k in effect.tolist()]
 
-    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        return causes[effect[k]]._replace(log_weight=weights[0], log_test_weight=weights[1], block=block)
+    def made(k: int, cause: Cause) -> Cause:
+        return cause._replace(directions=causes[effect[k]].directions)
 
     slots = [causes[k].slot for k in effect.tolist()]
-    table = CauseTable(EFFECT, labels, weights, test_weights, together[order], owner, made, slots)
-    return Pool((table,), at.dof), part
+    cut = Pool.of_kind(EFFECT, labels, (weights, test_weights), together[order], owner, made, slots)
+    return Pool.joined([cut], at.dof), part
 
 
 def _cut(

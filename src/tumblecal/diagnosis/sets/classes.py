@@ -11,7 +11,7 @@ from operator import attrgetter
 import numpy as np
 from jaxtyping import Bool, Int
 
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.together import Together
