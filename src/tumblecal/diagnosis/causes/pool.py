@@ -26,5 +26,5 @@ def pooled(
     # Nothing of a head can be seen of unknown attitudes.
     of_head = [] if at.model.hand_held else [swaps(at, level), mislabels(at, level)]
     terms, generic = generic_causes(at, effects, generic)
-    parts = [effects, outliers(at), *of_head, *clipped(at), *jumps(at), *terms, *shape_causes(at)]
+    parts = [effects, outliers(at), *of_head, *clipped(at), *jumps(at), terms, *shape_causes(at)]
     return Pool.joined(parts, at.dof, seen_effects=seen, generic=generic)

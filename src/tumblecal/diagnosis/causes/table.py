@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes.cause import EFFECT, GENERIC, NO_SLOT, SIGNS, Cause, Kind
 from tumblecal.diagnosis.causes.together import Together
 from tumblecal.diagnosis.priors import COLLINEAR
+from tumblecal.effects import AXES
 from tumblecal.full_model.layout import Slot
 from tumblecal.full_model.visibility import Visibility
 from tumblecal.ground.showing import brief
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 # A candidate by its number among those of its maker, from what the table has of it.
 Make = Callable[[int, Cause], Cause]
 _FAULTS = (Kind.SWAP, Kind.MISLABEL)
+# Blocks of these ranks are enlarged together with those of the larger ranks.
+_WIDTHS = np.array([0, 1, 4, 4, 4, 8])
 
 
 class Blocks(NamedTuple):
@@ -33,13 +36,14 @@ class Blocks(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """Candidates, or groups that are one cause, of equally many directions: their numbers (groups after the candidates), the
-    rows of each, of which of its members each row is, and the products of the rows of each."""
+    """Candidates, or groups that are one cause: their numbers (groups after the candidates), the rows of each, of which of its
+    members each row is, which rows are there, and their products."""
 
     numbers: Int[np.ndarray, " moves"]
     columns: Int[np.ndarray, "moves width"]
     members: Int[np.ndarray, "moves width"]
-    gram: Float[np.ndarray, "*moves width width"]
+    there: Bool[np.ndarray, "moves width"]
+    gram: Float[np.ndarray, "moves width width"]
 
 
 class _Made(dict[int, Cause]):
@@ -89,6 +93,7 @@ class Pool:
         owners: Int[np.ndarray, " rows"] | None,
         make: Make,
         slots: Sequence[Slot] = (),
+        numbers: Sequence[int] | None = None,
     ) -> Self:
         """Candidates of one kind.
 
@@ -96,12 +101,13 @@ class Pool:
 
         - `log_weights`: in the posterior and in the test, of each or of all.
         - `signals`: bases as rows, one candidate after the other, and their `owners` (None: one row each); or offsets.
+        - `numbers`: by which `make` knows each; if omitted, its place.
         """
         count, none = len(labels), signals[:0]
         owners = np.arange(len(signals)) if owners is None else owners
         weights = [np.broadcast_to(np.asarray(weight, float), count) for weight in log_weights]
         own = (none, owners[:0], signals) if kind in _FAULTS else (signals, owners, none)
-        slots, makers = list(slots) or [NO_SLOT] * count, [(make, k) for k in range(count)]
+        slots, makers = list(slots) or [NO_SLOT] * count, [(make, k) for k in numbers or range(count)]
         return cls(signals.shape[1], np.full(count, int(kind)), list(labels), *weights, slots, *own, makers)
 
     @classmethod
@@ -259,20 +265,34 @@ class Pool:
 
     @cached_property
     def moves(self) -> list[Moves]:
-        """What a set may be enlarged by: the candidates with coefficients, then the groups."""
-        listed = []
-        for rank in np.unique(self.ranks[self.ranks > 0]).tolist():
-            own = np.flatnonzero(self.ranks == rank)
-            columns = self.first_rows[own][:, None] + np.arange(rank)
-            listed.append(Moves(own, columns, np.zeros_like(columns), np.eye(rank)))
-        groups = self.together.groups
-        listed_rows = [[(self.first_rows[k] + j, number) for number, k in enumerate(own) for j in range(self.ranks[k])] for own in groups]
-        widths = np.array([len(own) for own in listed_rows], int)
-        for width in np.unique(widths).tolist():
-            own = np.flatnonzero(widths == width)
-            columns, members = np.moveaxis(np.array([listed_rows[k] for k in own.tolist()]), 2, 0)
-            listed.append(Moves(self.size + own, columns, members, self.rows[columns] @ self.rows[columns].mT))
-        return listed
+        """What a set may be enlarged by: the candidates with coefficients, those of similar ranks together."""
+        fitted = np.flatnonzero(self.ranks)
+        width = _WIDTHS[np.minimum(self.ranks[fitted], len(_WIDTHS) - 1)]
+        return [self._moves(own, own[:, None]) for own in (fitted[width == each] for each in np.unique(width).tolist())]
+
+    @cached_property
+    def group_moves(self) -> list[Moves]:
+        """The groups of candidates that are one cause together, after the candidates."""
+        listed = self.together.groups
+        groups = np.array([(*own, *[-1] * (len(AXES) - len(own))) for own in listed], int).reshape(-1, len(AXES))
+        return [self._moves(self.size + np.arange(len(groups)), groups)] if len(groups) else []
+
+    def _moves(self, numbers: Int[np.ndarray, " moves"], groups: Int[np.ndarray, "moves most"]) -> Moves:
+        """Groups of candidates, rows that end in -1, as moves of these numbers."""
+        ranks = np.where(groups >= 0, self.ranks[groups], 0)
+        slot = np.arange(int(ranks.max()))
+        # The directions of each member, then those that are there.
+        members = np.broadcast_to(np.arange(groups.shape[1])[:, None], (*ranks.shape, len(slot))).reshape(len(groups), -1)
+        there = (slot < ranks[:, :, None]).reshape(len(groups), -1)
+        order = np.argsort(~there, axis=1, kind="stable")[:, : int(there.sum(axis=1).max())]
+        rows = (self.first_rows[groups][:, :, None] + slot).reshape(len(groups), -1)
+        columns, members, there = (np.take_along_axis(own, order, axis=1) for own in (rows, members, there))
+        columns = np.where(there, columns, 0)
+        gram = np.eye(columns.shape[1]) * there[:, :, None]
+        if groups.shape[1] > 1:
+            signals = self.rows[columns] * there[:, :, None]
+            gram = signals @ signals.mT
+        return Moves(numbers, columns, members, there, gram)
 
     @property
     def effect_blocks(self) -> Blocks:

@@ -9,6 +9,7 @@ their evidence. Errors that vary smoothly over all data are `lack_of_fit`.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -91,15 +92,15 @@ class Products(NamedTuple):
         own = np.flatnonzero(ranks >= least)
         blocks = turned[own].mT @ signals[own] / np.maximum(sizes[own], 1e-300)[:, :, None]
 
-        def made(k: int, cause: Cause) -> Cause:
-            number = int(own[k])
+        def made(number: int, cause: Cause) -> Cause:
             rows = self.rows(at, number)
             if ranks[number] < rows.shape[1]:
                 rows = rows @ turned[number][:, shown[number]]
             return cause._replace(terms=tuple(rows.T.copy()), words=self.words[number], lasting=self.lasting)
 
-        labels, owners = [self.labels[k] for k in own.tolist()], np.repeat(np.arange(len(own)), ranks[own])
-        return Pool.of_kind(kind, labels, log_weights, blocks[shown[own]], owners, made)
+        numbers, owners = own.tolist(), np.repeat(np.arange(len(own)), ranks[own])
+        labels = [self.labels[k] for k in numbers]
+        return Pool.of_kind(kind, labels, log_weights, blocks[shown[own]], owners, made, numbers=numbers)
 
 
 def products(
@@ -143,7 +144,7 @@ def jumps(at: Tangent) -> list[Pool]:
 
 def generic_causes(
     at: Tangent, effects: Pool, numbers: tuple[int, ...] | None = None
-) -> tuple[list[Pool], tuple[int, ...]]:
+) -> tuple[Pool, tuple[int, ...]]:
     """The generic terms that the residuals can show and that no effect of the catalogue covers.
 
     **Arguments:**
@@ -160,51 +161,46 @@ def generic_causes(
     signals = np.concatenate([np.broadcast_to(np.eye(3), probe.shape), probe], axis=2)
     # An unknown error of the head turns with the angles and the time, not the inputs; unknown attitudes take up any.
     turning = np.array(["u_" not in name and not at.model.hand_held for name in names], bool)
-    listed, chosen, directions = list[Products](), list[int](), np.zeros((0, at.dof))
+    pools, chosen, directions = list[Pool](), list[int](), np.zeros((0, at.dof))
     for field, words in enumerate(fields):
         own = np.flatnonzero(turning | (field < len(AXES)))
         if numbers is not None:
             own = own[np.isin(own + field * len(names), numbers)]
-        signal = signals[:, :, field : field + 1]
-        if numbers is None:
-            every = Products([], [], signal, factors[own][:, None])
-            rows, largest = every.projected(at)[:, 0], every.largest(at)
-            kept, directions = _distinct(rows, largest, [_STEP in names[k] for k in own.tolist()], effects, directions)
-            own = own[kept]
-        chosen += (own + field * len(names)).tolist()
         described = [f"{words}: {names[k]}" for k in own.tolist()]
-        listed.append(Products([UNEXPLAINED] * len(own), described, signal, factors[own][:, None]))
-    share = -float(np.log(max(1, len(chosen))))
-    weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
-    return [own.candidates(at, GENERIC, weights, 1) for own in listed], tuple(chosen)
+        every = Products([UNEXPLAINED] * len(own), described, signals[:, :, field : field + 1], factors[own][:, None])
+        pool = every.candidates(at, GENERIC, (0.0, 0.0), 1)
+        if numbers is None:
+            steps = np.array([_STEP in described[k] for _, k in pool.makers], bool)
+            kept = _distinct(pool.rows, steps, effects, directions)
+            pool, directions = pool.only(kept), np.concatenate([directions, pool.rows[kept]])
+            own = own[[k for _, k in pool.makers]]
+        pools.append(pool)
+        chosen += (own + field * len(names)).tolist()
+    every = Pool.joined(pools, at.dof)
+    weights = (np.full(every.size, np.log(weight / max(1, len(chosen)))) for weight in (GENERIC_WEIGHT, GENERIC_TEST_WEIGHT))
+    return replace(every, log_weights=next(weights), test_log_weights=next(weights)), tuple(chosen)
 
 
 def _distinct(
-    rows: Float[np.ndarray, "terms nu"],
-    largest: Float[np.ndarray, " terms"],
-    steps: Sequence[bool],
+    unit: Float[np.ndarray, "terms nu"],
+    steps: Bool[np.ndarray, " terms"],
     effects: Pool,
     directions: Float[np.ndarray, "earlier nu"],
-) -> tuple[list[int], Float[np.ndarray, "listed nu"]]:
-    """Of some terms those that the residuals can show and that are neither an effect of the catalogue nor an earlier term, and
-    the directions of all so far.
+) -> Int[np.ndarray, " distinct"]:
+    """Of some terms by their directions those that are neither an effect of the catalogue nor an earlier term.
 
     A step in time is none of the effects that can imitate it with several coefficients, one for each setting, say.
     """
-    size = np.sqrt(np.vecdot(rows, rows))
-    seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(largest, 1e-300))
-    unit = rows[seen] / size[seen, None]
     begin = np.flatnonzero(np.diff(effects.owners, prepend=-1))
     several = np.diff(begin, append=len(effects.owners))[:, None] > 1
     same = np.sqrt(np.add.reduceat((effects.rows @ unit.T) ** 2, begin)) > SAME_TERM
-    covered = np.any(same & ~(np.array(steps, bool)[seen] & several), axis=0)
+    covered = np.any(same & ~(steps & several), axis=0)
     covered |= np.any(np.abs(directions @ unit.T) > SAME_TERM, axis=0)
-    own, near = list[int](), np.abs(unit @ unit.T) > SAME_TERM
-    for number, alike in enumerate(near):
+    later = np.triu(np.abs(unit @ unit.T) > SAME_TERM, 1)
+    for number in np.flatnonzero(later.any(axis=1)).tolist():
         if not covered[number]:
-            own.append(number)
-            covered |= alike
-    return seen[own].tolist(), np.concatenate([directions, unit[own]])
+            covered |= later[number]
+    return np.flatnonzero(~covered)
 
 
 def _factors(at: Tangent) -> dict[str, Float[np.ndarray, " positions"]]:

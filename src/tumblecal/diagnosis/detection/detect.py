@@ -55,7 +55,7 @@ def statistics(
 ) -> Float[np.ndarray, " draws"]:
     """Log Bayes factor of "one cause of the list" against "adequate", for many residual vectors."""
     weights = np.concatenate([pool.test_log_weights, pool.together.test_log_weights])
-    scores = with_each(pool, known, nothing(z), jointly=True) + weights
+    scores = with_each(pool, known, nothing(z), groups=True, jointly=True) + weights
     if alternatives is not None:
         scores = np.hstack([scores, alternatives.test_log_evidence(z, known)])
     return np.logaddexp.reduce(scores, axis=1, initial=-np.inf) - log_evidence_of_noise(np.vecdot(z, z), pool.dof, known)

@@ -111,7 +111,7 @@ class _FoldSearch:
         """The causes alone scored for every fold: the best of each fold."""
         nothing = partial_sets(self._pool, self._z, [()] * len(self._asides), self._asides)
         evidence, prior = with_each(self._pool, self._known, nothing), SetPriors.of(self._pool, rows_of([()])).with_each()
-        self._singles = evidence[:, : self._pool.size] + prior
+        self._singles = evidence + prior
         count = min(FOLD_SINGLES, self._pool.size)
         best = np.argpartition(self._singles, -count, axis=1)[:, -count:].tolist()
         empty = nothing.log_evidence(self._pool.dof, self._known) + np.log(SIZE_PRIOR[0])
@@ -195,7 +195,7 @@ class _FoldSearch:
             part = sets[first : first + step]
             asides = self._asides[[fold for fold, _ in part]]
             bases = partial_sets(self._pool, self._z, [members for _, members in part], asides)
-            scores = with_each(self._near, self._known, bases)[:, : self._near.size]
+            scores = with_each(self._near, self._known, bases)
             scores = scores + np.stack([self._prior(members) for _, members in part])
             best = np.argmax(scores, axis=1).tolist()
             for each, row, column in zip(part, scores, best, strict=True):

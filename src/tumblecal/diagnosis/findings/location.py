@@ -71,7 +71,7 @@ def located(screened: Screened) -> list[Located]:
     least = 0.0 if screened.best.unexplained else LEAST_LOCATED_ODDS
     whole = search.posterior_at(members, search.left(members)) if members else screened.log_posterior_of_unexplained
     rests = [rest for size in range(max(1, len(members))) for rest in combinations(members, size)]
-    evidence = with_each(cut, search.known, partial_sets(search.pool, search.z, rests))[:, : cut.size]
+    evidence = with_each(cut, search.known, partial_sets(search.pool, search.z, rests))
     prior = SetPriors.of(pool, rows_of(rests)).beside(cut.log_weights) - whole
     odds = evidence + prior
     best: dict[str, Located] = {}

@@ -11,7 +11,7 @@ from functools import cached_property
 from itertools import accumulate, pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.table import Moves, Pool
 from tumblecal.diagnosis.priors import COLLINEAR
@@ -170,44 +170,48 @@ def _orthonormal(
 
 
 def added(
-    pool: Pool, bases: PartialSets
-) -> Iterator[tuple[Moves, Float[np.ndarray, "sets moves width"], Int[np.ndarray, "sets moves width"]]]:
-    """What each direction of every further candidate, or group of them, explains of what some sets leave, and whether it counts
-    (1, else 0)."""
+    pool: Pool, bases: PartialSets, moves_tried: Sequence[Moves]
+) -> Iterator[tuple[Moves, Float[np.ndarray, "width sets moves"], Bool[np.ndarray, "width sets moves"]]]:
+    """What each direction of every further candidate, or group of them, explains of what some sets leave, and whether it
+    counts."""
     along, overlap = bases.rest @ pool.rows.T, bases.towards(pool.rows)
-    for moves in pool.moves:
-        own, towards = overlap[:, :, moves.columns], along[:, moves.columns]
-        gram = moves.gram - np.einsum("sqmi,sqmj->smij", own, own)
-        explained, counts = np.empty(towards.shape), np.empty(towards.shape, int)
-        for k in range(towards.shape[2]):
-            pivot = gram[:, :, k, k]
-            counts[:, :, k] = free = pivot > COLLINEAR
-            scale = free / np.maximum(pivot, COLLINEAR)
-            explained[:, :, k] = towards[:, :, k] ** 2 * scale
-            share = gram[:, :, k, k + 1 :] * scale[:, :, None]
-            towards[:, :, k + 1 :] -= towards[:, :, k, None] * share
-            gram[:, :, k + 1 :, k + 1 :] -= gram[:, :, k, k + 1 :, None] * share[:, :, None]
+    for moves in moves_tried:
+        # The directions first: all arithmetic is along the moves.
+        towards = np.ascontiguousarray(along.take(moves.columns.T, axis=1).swapaxes(0, 1))
+        own = overlap.take(moves.columns.T, axis=2) * moves.there.T
+        gram = moves.gram.T[:, :, None] - np.einsum("sqim,sqjm->ijsm", own, own)
+        explained, counts = np.empty(towards.shape), np.empty(towards.shape, bool)
+        for k, pivot in enumerate(np.einsum("kksm->ksm", gram)):
+            counts[k] = pivot > COLLINEAR
+            scale = counts[k] / np.maximum(pivot, COLLINEAR)
+            explained[k] = towards[k] ** 2 * scale
+            share = gram[k, k + 1 :] * scale
+            towards[k + 1 :] -= towards[k] * share
+            gram[k + 1 :, k + 1 :] -= gram[k, k + 1 :, None] * share
         yield moves, explained, counts
 
 
 def with_each(
-    pool: Pool, known: bool, bases: PartialSets, *, jointly: bool = False
-) -> Float[np.ndarray, "sets candidates_and_groups"]:
-    """Log evidence of each set with every candidate, then with every group; -inf where that adds nothing.
+    pool: Pool, known: bool, bases: PartialSets, *, groups: bool = False, jointly: bool = False
+) -> Float[np.ndarray, "sets further"]:
+    """Log evidence of each set with every candidate; -inf where that adds nothing.
 
     **Arguments:**
 
-    - `jointly`: whether the members of a group have coefficients of one size, and are one block.
+    - `groups`: whether the groups of candidates follow. `jointly`: whether the members of a group are one block: they have
+      coefficients of one size.
     """
     dof, total = pool.dof - bases.aside, bases.total[:, None]
-    evidence = np.full((len(bases.z), pool.size + len(pool.together.groups)), -np.inf)
+    tried, further = (pool.group_moves, len(pool.together.groups)) if groups else ([], 0)
+    evidence = np.full((len(bases.z), pool.size + further), -np.inf)
     parts = [(part[:, None], rank[:, None]) for part, rank in bases.parts(bases.along**2)]
-    for moves, explained, counts in added(pool, bases):
-        several = 1 if jointly else 1 + int(moves.members.max())
-        which = [(moves.members == member) | (several == 1) for member in range(several)]
-        own = [((explained * here).sum(axis=2), (counts * here).sum(axis=2)) for here in which]
+    for moves, explained, counts in added(pool, bases, [*pool.moves, *tried]):
+        own = [(explained.sum(axis=0), counts.sum(axis=0))]
+        if not jointly and (several := int(moves.members.max())):
+            which = [(moves.members.T == member)[:, None] for member in range(several + 1)]
+            own = [((explained * here).sum(axis=0), (counts & here).sum(axis=0)) for here in which]
         score = log_evidence(total, [*parts, *own], dof, known)
-        evidence[:, moves.numbers] = np.where(counts.any(axis=2), score, -np.inf)
+        evidence[:, moves.numbers] = np.where(counts.any(axis=0), score, -np.inf)
     if len(pool.faults):
         rest = bases.rest
         overlap = bases.towards(pool.offsets)

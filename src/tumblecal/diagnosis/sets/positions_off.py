@@ -60,10 +60,9 @@ def _log_shares_left(
     bases = partial_sets(pool, z, sets)
     rest = np.vecdot(bases.rest, bases.rest)[:, None]
     left, taken = np.repeat(rest, near.size, axis=1), np.zeros((len(sets), near.size), int)
-    for moves, explained, counts in added(near, bases):
-        own = moves.numbers < near.size
-        left[:, moves.numbers[own]] -= explained.sum(axis=2)[:, own]
-        taken[:, moves.numbers[own]] = counts.sum(axis=2)[:, own] + bases.ranks.sum(axis=1)[:, None]
+    for moves, explained, counts in added(near, bases, near.moves):
+        left[:, moves.numbers] -= explained.sum(axis=0)
+        taken[:, moves.numbers] = counts.sum(axis=0) + bases.ranks.sum(axis=1)[:, None]
     free = pool.dof - taken
     share = np.clip(left / (z @ z), 0.0, 1.0)
     below = special.betainc(np.maximum(free, 1) / 2, np.maximum(taken, 1) / 2, share)

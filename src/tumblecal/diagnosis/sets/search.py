@@ -4,7 +4,7 @@ group, until nothing better is found."""
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.table import Pool
 from tumblecal.diagnosis.priors import NEGLIGIBLE, PROMISING, WIDTH
@@ -46,14 +46,16 @@ class Search:
 
         **Returns:** all evaluated sets, best first.
         """
-        self.expand([()])
+        self.expand([()], groups=True)
         if len(likely) > 1:
             self._score([likely])
         for number in range(_MOST_ROUNDS):
             # Positions that are off hide each other in what they do to the parameters: no way of single steps need lead there.
             if number == 1 and self._best_size > 0 and (off := positions_off(self.pool, self.z)[1]):
                 self._score(off)
-            if not self.expand([*self._beams(), *self._reduced(), *self._beginnings()]):
+            singles, groups = self._beginnings()
+            new = self.expand([*self._reduced(), *groups], groups=True)
+            if not self.expand([*self._beams(), *singles]) and not new:
                 break
         return self.ranked()
 
@@ -62,8 +64,8 @@ class Search:
 
         Single causes are tested before; if neither the best pairs nor two families come near, no larger sets are searched.
         """
-        self.expand([()])
-        self.expand([*self._beam(1), *self.pool.together.groups])
+        self.expand([(), *self.pool.together.groups], groups=True)
+        self.expand(self._beam(1))
         if max(self.best[2:]) > self.best[0] - PROMISING:
             self.run()
         scores = self._evaluated().log_posterior
@@ -83,7 +85,8 @@ class Search:
     def ranked(self) -> Ranked:
         """The evaluated sets that are not negligible, best first, given the other causes found before."""
         sets, scores = self._evaluated()
-        sets, scores = sets[scores >= self.top - NEGLIGIBLE], scores[scores >= self.top - NEGLIGIBLE]
+        count = int(np.sum(scores >= self.top - NEGLIGIBLE))
+        sets, scores = sets[:count], scores[:count]
         if self.found:
             scores = scores + given_found(SetPriors.of(self.pool, sets).causes, self.found)
         order = (-scores).argsort(kind="stable")
@@ -136,10 +139,9 @@ class Search:
 
     def _beam(self, size: int) -> list[Members]:
         """The best sets of a size; those that are named have seats of their own."""
-        sets, scores = self._evaluated()
-        own = (sets >= 0).sum(axis=1) == size
-        rows = sets[own][(-scores[own]).argsort(kind="stable")]
-        named = np.all(self.pool.is_named[rows] | (rows < 0), axis=1)
+        sets = self._evaluated().members
+        rows = sets[(sets[:, size - 1] >= 0) & (sets[:, size] < 0)]
+        named = np.all(self.pool.is_named[rows[:, :size]], axis=1)
         return sets_of(np.concatenate([rows[named][: 2 * WIDTH // 3], rows[: WIDTH // 3]]))
 
     def _reduced(self) -> list[Members]:
@@ -153,7 +155,7 @@ class Search:
                 smaller += [tuple(k for k in best if k not in own) for own in groups]
         return smaller
 
-    def _beginnings(self) -> list[Members]:
+    def _beginnings(self) -> tuple[list[Members], list[Members]]:
         """Where several causes are, or one that explains much more than noise, every effect and group: one strong mixture of two
         effects hides both."""
         left = self.left(self.leading[1])
@@ -161,35 +163,37 @@ class Search:
         large = float(self.z @ self.z) - left > LARGE**2 * level
         several = self._best_size > 1
         singles = [(k,) for k in self.pool.effects.tolist()] if several or large else []
-        return [*singles, *(self.pool.together.groups if several else [])]
+        return singles, self.pool.together.groups if several else []
 
-    def expand(self, sets: Iterable[Members]) -> bool:
-        """Score sets with every further candidate and group; whether any of them is new."""
+    def expand(self, sets: Iterable[Members], *, groups: bool = False) -> bool:
+        """Score sets with every further candidate, and every group if asked for; whether any of them is new."""
         todo = [members for members in dict.fromkeys(sets) if members not in self._expanded and len(members) < MOST]
         self._expanded.update(todo)
         step = 1 + _NUMBERS_AT_ONCE // (MOST * max(self.pool.size, 1))
         for size in sorted({len(members) for members in todo}):
             own = [members for members in todo if len(members) == size]
             for first in range(0, len(own), step):
-                self._expand(own[first : first + step])
+                self._expand(own[first : first + step], groups)
         return bool(todo)
 
-    def _expand(self, sets: list[Members]) -> None:
-        """Score sets of one size, and with each further candidate and group: the better ones are kept."""
+    def _expand(self, sets: list[Members], groups: bool) -> None:
+        """Score sets of one size, and with each further candidate: the better ones are kept."""
         priors, bases = self._score(sets)
-        groups, of_groups = priors.with_groups()
-        scores = with_each(self.pool, self.known, bases) + np.hstack([priors.with_each(), of_groups])
-        row, added = np.nonzero(scores > -np.inf)
-        values, alone, size = scores[row, added], added < self.pool.size, len(sets[0])
-        rows = priors.sets[row]
-        rows[alone, size] = added[alone]
-        rows[~alone] = groups[row[~alone] * of_groups.shape[1] + added[~alone] - self.pool.size]
-        named = np.all(self.pool.is_named[rows] | (rows < 0), axis=1)
+        evidence = with_each(self.pool, self.known, bases, groups=groups)
+        scores = evidence[:, : self.pool.size] + priors.with_each()
+        larger, of_groups = priors.with_groups() if groups else (priors.sets[:0], np.zeros(0))
+        of_groups = (evidence[:, self.pool.size :] + of_groups).ravel()
         # Not negligible; and so many in any case, of those that are named too, that the next beam does not shrink where one set
         # is far ahead.
-        least = np.minimum(max(self.top, values.max(initial=-np.inf)) - NEGLIGIBLE, _seat(values, alone))
-        kept = values >= np.where(named, np.minimum(least, _seat(values, alone & named)), least)
-        self._add(rows[kept], values[kept])
+        top = max(self.top, scores.max(initial=-np.inf), of_groups.max(initial=-np.inf))
+        named = np.all(self.pool.is_named[priors.sets] | (priors.sets < 0), axis=1)[:, None] & self.pool.is_named
+        least = min(top - NEGLIGIBLE, _seat(scores))
+        row, added = np.nonzero(scores >= np.where(named, min(least, _seat(scores[named])), least))
+        rows, values = priors.sets[row], scores[row, added]
+        rows[:, len(sets[0])] = added
+        kept = of_groups >= min(least, _seat(of_groups))
+        rows, values = np.concatenate([rows, larger[kept]]), np.append(values, of_groups[kept])
+        self._add(rows[values > -np.inf], values[values > -np.inf])
 
     def _score(self, sets: Sequence[Members]) -> tuple[SetPriors, PartialSets]:
         """Score the sets themselves."""
@@ -209,18 +213,18 @@ class Search:
         self._kept.append(Ranked(rows[sizes > 0], scores[sizes > 0]))
 
     def _evaluated(self) -> Ranked:
-        """All sets that are kept, each once."""
+        """All sets that are kept, each once, the best first."""
         if len(self._kept) > 1:
             sets, scores = (np.concatenate(own) for own in zip(*self._kept, strict=True))
             # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
             keys = keys_of(sets)
             order = np.lexsort((-scores, keys))
-            first = np.sort(order[np.diff(keys[order], prepend=~keys[order[:1]]) != 0])
+            first = order[np.diff(keys[order], prepend=~keys[order[:1]]) != 0]
+            first = first[np.argsort(-scores[first], kind="stable")]
             self._kept = [Ranked(sets[first], scores[first])]
         return self._kept[0]
 
 
-def _seat(scores: Float[np.ndarray, " sets"], among: Bool[np.ndarray, " sets"]) -> float:
-    """The lowest score that has a seat among some."""
-    own = scores[among]
-    return float(np.partition(own, -_SEATS)[-_SEATS]) if len(own) > _SEATS else -np.inf
+def _seat(scores: Float[np.ndarray, "*sets"]) -> float:
+    """The lowest score that has a seat."""
+    return float(np.partition(scores, -_SEATS, axis=None)[-_SEATS]) if scores.size > _SEATS else -np.inf

@@ -100,7 +100,7 @@ def _with_each(
         (0, *([len(blocks)] if members else [])),
         np.full((count, len(members)), len(blocks)),
     )
-    return with_each(pool, True, bases)[:, : pool.size] + SetPriors.of(pool, rows_of([members])).with_each()
+    return with_each(pool, True, bases) + SetPriors.of(pool, rows_of([members])).with_each()
 
 
 def _alternatives(
