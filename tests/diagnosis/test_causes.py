@@ -86,7 +86,8 @@ def test_signals_of_jumps_are_those_of_the_blind_instrument(hidden, diagnoser):
     at = diagnoser(hidden(2, {})).screened.at
     setup = blind.random_setup(np.random.default_rng(2), 3, 8)
     every = Pool.joined(jumps(at), at.dof)
-    candidates = [cause for cause in map(every.causes.__getitem__, range(every.size)) if cause.label.endswith(f":{setup.names[12]}")]
+    own = [k for k, label in enumerate(every.labels) if label.endswith(f":{setup.names[12]}")]
+    candidates = [every.causes[k] for k in own]
     assert [cause.words for cause in candidates if cause.words] == ["x axis", "y axis", "z axis"]
     for cause in candidates:
         effect = "?mount_slip" if cause.label.startswith("mount") else f"?step_half_way.{cause.words[0]}"

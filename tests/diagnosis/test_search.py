@@ -31,9 +31,7 @@ def pool_of(rng, count=12, labels=None, powers=None):
     stated = {label: powers.get(label, ((), 0)) for label in labels}
     slots = {label: replace(NO_SLOT, polynomial=of, order=order) for label, (of, order) in stated.items()}
     blocks = [Cause(EFFECT, label, share, share, unit(rng), slot=slots[label]) for label in labels]
-    faults = [
-        Cause(Kind.SWAP, f"swap:{k}", fault_share, fault_share, offset=rng.normal(size=DOF)) for k in range(3)
-    ]
+    faults = [Cause(Kind.SWAP, f"swap:{k}", fault_share, fault_share, offset=rng.normal(size=DOF)) for k in range(3)]
     return Pool.of((*blocks, *faults), DOF)
 
 

@@ -1,5 +1,5 @@
-"""Faults of the procedure as exact alternatives: an outlier position, exchanged positions, an angle in error by a step, readings
-that ended at the range of their axis. Their descriptions are in the catalogue (effects/procedure.py).
+"""Faults of the procedure: an outlier position, exchanged positions, an angle in error by a step, readings that ended at the
+range of their axis. Their descriptions are in the catalogue (effects/procedure.py).
 
 Undoing an exchange subtracts its contribution from the residual z of the nominal model: with the responses R of single readings
 and the difference c of the two readings, the offset is o = sum over the axes of c_a (R_ia - R_ja).
@@ -7,6 +7,7 @@ and the difference c of the two readings, the offset is o = sum over the axes of
 
 from dataclasses import replace
 from functools import partial
+from math import comb
 
 import equinox as eqx
 import numpy as np
@@ -20,11 +21,10 @@ from tumblecal.diagnosis.priors import (
     FAULT_TEST_WEIGHTS,
     FAULT_WEIGHTS,
     LEAST_SHIFT,
-    MOST_PAIRS,
+    MOST_EXCHANGED,
     OTHER_FAULT_TEST_WEIGHT,
     OTHER_FAULT_WEIGHT,
     OUTLIER_VISIBLE,
-    PAIRS_OF_MANY,
 )
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
@@ -102,16 +102,13 @@ def _exchanged(pair: tuple[int, int], problem: Problem) -> Problem:
 
 
 def swaps(at: Tangent, level: float) -> Pool:
-    """One candidate for each pair of positions whose readings differ; of many positions the pairs that explain most."""
+    """One candidate for each pair of positions whose readings differ; of many positions of those that the residual contradicts
+    most: an exchange that shows at all is seen at both."""
     readings, names = np.asarray(at.problem.readings), at.problem.names
     responses = at.responses.transpose(1, 2, 0)
-    first, second = np.triu_indices(len(names), 1)
-    of = len(first)
-    if of > MOST_PAIRS:
-        square, along = _of_exchanges(readings, responses, at.z)
-        gained = np.where(square > (LEAST_SHIFT * level) ** 2, 2 * along - square, -np.inf)[first, second]
-        kept = np.sort(np.argsort(-gained, kind="stable")[:PAIRS_OF_MANY])
-        first, second = first[kept], second[kept]
+    along = responses @ at.z
+    suspect = np.sort(np.argsort(-np.vecdot(along, along), kind="stable")[:MOST_EXCHANGED])
+    first, second = (suspect[own] for own in np.triu_indices(len(suspect), 1))
     change, offsets = readings[first] - readings[second], np.zeros((len(first), at.dof))
     for axis in range(3):
         offsets += (responses[first, axis] - responses[second, axis]) * change[:, axis, None]
@@ -122,24 +119,8 @@ def swaps(at: Tangent, level: float) -> Pool:
         return swap(pairs[k], cause)
 
     labels = [f"swapped_positions:{names[i]}+{names[j]}" for i, j in pairs]
-    weights = log_weights("swapped_positions", -float(np.log(max(1, of))))
+    weights = log_weights("swapped_positions", -float(np.log(max(1, comb(len(names), 2)))))
     return Pool.of_kind(Kind.SWAP, labels, weights, offsets[possible], None, made)
-
-
-def _of_exchanges(
-    readings: Float[np.ndarray, "positions 3"],
-    responses: Float[np.ndarray, "positions 3 nu"],
-    z: Float[np.ndarray, " nu"],
-) -> tuple[Float[np.ndarray, "positions positions"], Float[np.ndarray, "positions positions"]]:
-    """Squared norm of the offset of every exchange, and its product with the residual."""
-    change, along = readings[:, None] - readings, responses @ z
-    own = np.einsum("iax,ibx->iab", responses, responses)
-    square = 2 * np.einsum("ija,iab,ijb->ij", change, own, change, optimize=True)
-    square = 0.5 * (square + square.T)
-    for a in range(3):
-        for b in range(3):
-            square -= 2 * change[:, :, a] * (responses[:, a] @ responses[:, b].T) * change[:, :, b]
-    return square, np.vecdot(change, along[:, None] - along)
 
 
 def mislabel(position: int, words: str, measured: Where, cause: Cause) -> Cause:

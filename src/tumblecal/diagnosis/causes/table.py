@@ -105,10 +105,11 @@ class Pool:
         """
         count, none = len(labels), signals[:0]
         owners = np.arange(len(signals)) if owners is None else owners
-        weights = [np.broadcast_to(np.asarray(weight, float), count) for weight in log_weights]
-        own = (none, owners[:0], signals) if kind in _FAULTS else (signals, owners, none)
+        weight, test_weight = (np.broadcast_to(np.asarray(own, float), count) for own in log_weights)
+        rows, owners, offsets = (none, owners[:0], signals) if kind in _FAULTS else (signals, owners, none)
         slots, makers = list(slots) or [NO_SLOT] * count, [(make, k) for k in numbers or range(count)]
-        return cls(signals.shape[1], np.full(count, int(kind)), list(labels), *weights, slots, *own, makers)
+        kinds, labels = np.full(count, int(kind)), list(labels)
+        return cls(signals.shape[1], kinds, labels, weight, test_weight, slots, rows, owners, offsets, makers)
 
     @classmethod
     def of(cls, causes: Sequence[Cause], dof: int) -> Self:
@@ -282,7 +283,9 @@ class Pool:
         ranks = np.where(groups >= 0, self.ranks[groups], 0)
         slot = np.arange(int(ranks.max()))
         # The directions of each member, then those that are there.
-        members = np.broadcast_to(np.arange(groups.shape[1])[:, None], (*ranks.shape, len(slot))).reshape(len(groups), -1)
+        members = np.broadcast_to(np.arange(groups.shape[1])[:, None], (*ranks.shape, len(slot))).reshape(
+            len(groups), -1
+        )
         there = (slot < ranks[:, :, None]).reshape(len(groups), -1)
         order = np.argsort(~there, axis=1, kind="stable")[:, : int(there.sum(axis=1).max())]
         rows = (self.first_rows[groups][:, :, None] + slot).reshape(len(groups), -1)
@@ -305,4 +308,3 @@ class Pool:
                 rows.append(basis[sizes**2 > COLLINEAR])
                 ranks.append(np.array([len(rows[-1])]))
         return Blocks(np.concatenate(rows), np.concatenate(ranks))
-

@@ -66,10 +66,10 @@ class Products(NamedTuple):
 
     def projected(self, at: Tangent) -> Float[np.ndarray, "candidates products nu"]:
         """The signals of all candidates in the residual space, as rows."""
-        count, factors, positions = self.factors.shape
+        (count, factors, positions), signals = self.factors.shape, self.fields.shape[2]
         fields = self.fields.mT @ at.responses.transpose(1, 2, 0)
         seen = self.factors.reshape(-1, positions) @ fields.reshape(positions, -1)
-        return seen.reshape(count, factors, fields.shape[1], at.dof).swapaxes(1, 2).reshape(count, -1, at.dof)
+        return seen.reshape(count, factors, signals, at.dof).swapaxes(1, 2).reshape(count, factors * signals, at.dof)
 
     def largest(self, at: Tangent) -> Float[np.ndarray, " candidates"]:
         """Norm of the largest of each candidate's white rows."""
@@ -142,9 +142,7 @@ def jumps(at: Tangent) -> list[Pool]:
     return pools
 
 
-def generic_causes(
-    at: Tangent, effects: Pool, numbers: tuple[int, ...] | None = None
-) -> tuple[Pool, tuple[int, ...]]:
+def generic_causes(at: Tangent, effects: Pool, numbers: tuple[int, ...] | None = None) -> tuple[Pool, tuple[int, ...]]:
     """The generic terms that the residuals can show and that no effect of the catalogue covers.
 
     **Arguments:**
@@ -177,7 +175,9 @@ def generic_causes(
         pools.append(pool)
         chosen += (own + field * len(names)).tolist()
     every = Pool.joined(pools, at.dof)
-    weights = (np.full(every.size, np.log(weight / max(1, len(chosen)))) for weight in (GENERIC_WEIGHT, GENERIC_TEST_WEIGHT))
+    weights = (
+        np.full(every.size, np.log(weight / max(1, len(chosen)))) for weight in (GENERIC_WEIGHT, GENERIC_TEST_WEIGHT)
+    )
     return replace(every, log_weights=next(weights), test_log_weights=next(weights)), tuple(chosen)
 
 
@@ -204,8 +204,8 @@ def _distinct(
 
 
 def _factors(at: Tangent) -> dict[str, Float[np.ndarray, " positions"]]:
-    """The factors of the generic terms by their names: products of inputs, harmonics, their products, what is of one group alone,
-    what follows the time or the temperature."""
+    """The factors of the generic terms by their names: products of inputs, harmonics, their products, what is of one group
+    alone, what follows the time or the temperature."""
     inputs, where = np.asarray(at.evaluation.inputs), at.problem.where
     powers = {
         " ".join(f"u_{AXES[k]}^{axes.count(k)}" for k in sorted(set(axes))).replace("^1", ""): inputs[:, axes].prod(

@@ -43,7 +43,9 @@ class Together:
                 families.setdefault(family[0], {})[family[1]] = k
         axes = [[own[axis] for axis in AXES] for own in families.values() if len(own) == len(AXES)]
         powers = polynomials([slots[k] for k in effects])
-        return cls(size, np.array(axes, int).reshape(-1, 3), tuple([tuple([effects[k] for k in own]) for own in powers]))
+        return cls(
+            size, np.array(axes, int).reshape(-1, 3), tuple([tuple([effects[k] for k in own]) for own in powers])
+        )
 
     @cached_property
     def groups(self) -> list[tuple[int, ...]]:

@@ -58,7 +58,9 @@ def statistics(
     scores = with_each(pool, known, nothing(z), groups=True, jointly=True) + weights
     if alternatives is not None:
         scores = np.hstack([scores, alternatives.test_log_evidence(z, known)])
-    return np.logaddexp.reduce(scores, axis=1, initial=-np.inf) - log_evidence_of_noise(np.vecdot(z, z), pool.dof, known)
+    return np.logaddexp.reduce(scores, axis=1, initial=-np.inf) - log_evidence_of_noise(
+        np.vecdot(z, z), pool.dof, known
+    )
 
 
 def weight_of(pool: Pool, alternatives: Alternatives | None, sigma: float = 1.0) -> float:

@@ -110,7 +110,10 @@ class _FoldSearch:
     def _begun(self) -> list[list[int]]:
         """The causes alone scored for every fold: the best of each fold."""
         nothing = partial_sets(self._pool, self._z, [()] * len(self._asides), self._asides)
-        evidence, prior = with_each(self._pool, self._known, nothing), SetPriors.of(self._pool, rows_of([()])).with_each()
+        evidence, prior = (
+            with_each(self._pool, self._known, nothing),
+            SetPriors.of(self._pool, rows_of([()])).with_each(),
+        )
         self._singles = evidence + prior
         count = min(FOLD_SINGLES, self._pool.size)
         best = np.argpartition(self._singles, -count, axis=1)[:, -count:].tolist()

@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.cause import GENERIC, UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import GENERIC, UNEXPLAINED, Cause
 from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.components import BySize, Components, mean_over_sizes, of_one_vector
 from tumblecal.diagnosis.lack_of_fit.one_curve import OneCurve, best_curve, one_curve

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.causes.terms import HEAD_ANGLES
-from tumblecal.diagnosis.causes.terms import products
+from tumblecal.diagnosis.causes.terms import HEAD_ANGLES, products
 from tumblecal.diagnosis.lack_of_fit.variables import Variable, of_angles, of_readings, of_side, of_time
 from tumblecal.effects import AXES
 from tumblecal.full_model.tangent import Tangent

@@ -90,7 +90,7 @@ class PartialSets:
         return (self.q.reshape(-1, nu) @ signals.T).reshape(sets, width, len(signals))
 
     def parts(self, squares: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Sum of each block's squared coordinates (sets, width, ...), and its rank in every set, as an array of as many axes."""
+        """Sum of each block's squared coordinates (sets, width, ...), and its rank in every set."""
         further = (1,) * (squares.ndim - 2)
         return [
             (squares[:, own].sum(axis=1), rank.reshape(-1, *further))
@@ -208,7 +208,7 @@ def with_each(
     for moves, explained, counts in added(pool, bases, [*pool.moves, *tried]):
         own = [(explained.sum(axis=0), counts.sum(axis=0))]
         if not jointly and (several := int(moves.members.max())):
-            which = [(moves.members.T == member)[:, None] for member in range(several + 1)]
+            which = [np.equal(moves.members, member).T[:, None] for member in range(several + 1)]
             own = [((explained * here).sum(axis=0), (counts & here).sum(axis=0)) for here in which]
         score = log_evidence(total, [*parts, *own], dof, known)
         evidence[:, moves.numbers] = np.where(counts.any(axis=0), score, -np.inf)

@@ -8,7 +8,7 @@ kind bounds the p-value of the best of them (Bonferroni).
 from math import comb, log
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy import special
 
 from tumblecal.diagnosis.causes.table import Pool

@@ -156,8 +156,8 @@ class Search:
         return smaller
 
     def _beginnings(self) -> tuple[list[Members], list[Members]]:
-        """Where several causes are, or one that explains much more than noise, every effect and group: one strong mixture of two
-        effects hides both."""
+        """Every effect, and every group, where several causes are or one explains much more than noise: one strong mixture of
+        two effects hides both."""
         left = self.left(self.leading[1])
         level = 1.0 if self.known else left / max(1, self.pool.dof - 1)
         large = float(self.z @ self.z) - left > LARGE**2 * level

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes.cause import EFFECT, Cause
-from tumblecal.diagnosis.causes.cause import GENERIC
+from tumblecal.diagnosis.causes.cause import EFFECT, GENERIC, Cause
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.priors import (
     BATCH_WEIGHT,
