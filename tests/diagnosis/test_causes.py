@@ -7,10 +7,10 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
-from tumblecal.diagnosis.causes.faults import mislabel, outlier, swap
-from tumblecal.diagnosis.causes.jumps import jumps
-from tumblecal.diagnosis.causes.plan_steps import plan_steps
-from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.cause import Cause, Kind
+from tumblecal.diagnosis.causes.faults import mislabel, outlier, plan_steps, swap
+from tumblecal.diagnosis.causes.table import Pool
+from tumblecal.diagnosis.causes.terms import jumps
 from tumblecal.estimation import exact, problem_of
 
 
@@ -23,11 +23,11 @@ def problem():
 
 def moved(problem, position, stood):
     """A mislabel of one position that stood where `stood` has it."""
-    return mislabel(f"mislabelled_angle:{problem.names[position]}", (0.0, 0.0), None, position, "", stood)
+    return mislabel(position, "", stood, Cause(Kind.MISLABEL, "", 0.0, 0.0))
 
 
 def test_a_swap_undone_twice_is_the_swap(problem):
-    exchange = swap("swapped_positions:a+b", (0.0, 0.0), None, (3, 10))
+    exchange = swap((3, 10), Cause(Kind.SWAP, "", 0.0, 0.0))
     swapped = exchange.undone(problem)
     np.testing.assert_array_equal(swapped.readings[[3, 10]], problem.readings[[10, 3]])
     others = np.setdiff1d(np.arange(24), [3, 10])
@@ -42,7 +42,7 @@ def test_an_outlier_undone_is_left_out_and_nothing_else(problem):
     readings = np.array(problem.readings)
     readings[7] += [8e-3, -6e-3, 7e-3]
     knocked = replace(problem, readings=readings)
-    knock = outlier("outlier_position:a", (0.0, 0.0), None, 7)
+    knock = outlier(7, Cause(Kind.OUTLIER, "", 0.0, 0.0))
     right = knock.undone(knocked)
     assert np.flatnonzero(~right.takes_part).tolist() == [7] == list(knock.left_out)
     assert right.readings is readings and right.where is problem.where
@@ -59,7 +59,7 @@ def test_an_outlier_undone_is_left_out_and_nothing_else(problem):
     ],
 )
 def test_a_mislabelled_angle_goes_there_and_back(problem, there, back):
-    options = {step.words: (step.of(problem.where), step.valid) for step in plan_steps(problem.where)}
+    options = {words: (moved, valid) for words, moved, valid in plan_steps(problem.where)}
     assert set(options) == {
         f"{way} {what}" for way in ("next", "previous") for what in ("spindle angle", "pitch setting")
     }
@@ -71,7 +71,7 @@ def test_a_mislabelled_angle_goes_there_and_back(problem, there, back):
         angles = getattr(wrong.where, changed), getattr(problem.where, changed)
         assert np.flatnonzero(angles[0] != angles[1]).tolist() == [position]
         assert wrong.readings is problem.readings
-        returned = next(step.of(wrong.where) for step in plan_steps(wrong.where) if step.words == back)
+        returned = next(where for words, where, _ in plan_steps(wrong.where) if words == back)
         right = moved(wrong, position, returned).undone(wrong)
         # Steps of the spindle are told apart, and taken, to 1e-9 rad.
         np.testing.assert_allclose(right.where.alpha, problem.where.alpha, rtol=0, atol=1e-9)
@@ -85,8 +85,9 @@ def test_signals_of_jumps_are_those_of_the_blind_instrument(hidden, diagnoser):
     """By central differences at the truth; the candidates are made at the fit, which differs by some tenths of a mrad."""
     at = diagnoser(hidden(2, {})).screened.at
     setup = blind.random_setup(np.random.default_rng(2), 3, 8)
-    every = Pool(tuple(jumps(at)), at.dof).causes
-    candidates = [cause for cause in every if cause.label.endswith(f":{setup.names[12]}")]
+    every = Pool.joined(jumps(at), at.dof)
+    own = [k for k, label in enumerate(every.labels) if label.endswith(f":{setup.names[12]}")]
+    candidates = [every.causes[k] for k in own]
     assert [cause.words for cause in candidates if cause.words] == ["x axis", "y axis", "z axis"]
     for cause in candidates:
         effect = "?mount_slip" if cause.label.startswith("mount") else f"?step_half_way.{cause.words[0]}"

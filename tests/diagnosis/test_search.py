@@ -6,9 +6,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause
-from tumblecal.diagnosis.causes.faults import swap
-from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause, Kind
+from tumblecal.diagnosis.causes.table import Pool
 from tumblecal.diagnosis.priors import FAULT_WEIGHTS, OF_ORDERS, ON_AXES
 from tumblecal.diagnosis.sets.cause_sets import rows_of
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
@@ -32,7 +31,7 @@ def pool_of(rng, count=12, labels=None, powers=None):
     stated = {label: powers.get(label, ((), 0)) for label in labels}
     slots = {label: replace(NO_SLOT, polynomial=of, order=order) for label, (of, order) in stated.items()}
     blocks = [Cause(EFFECT, label, share, share, unit(rng), slot=slots[label]) for label in labels]
-    faults = [swap(f"swap:{k}", (fault_share, fault_share), rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
+    faults = [Cause(Kind.SWAP, f"swap:{k}", fault_share, fault_share, offset=rng.normal(size=DOF)) for k in range(3)]
     return Pool.of((*blocks, *faults), DOF)
 
 
@@ -61,7 +60,7 @@ def test_best_pair_is_that_of_brute_force(seed):
     i, j = rng.choice(12, 2, replace=False)
     z = 9 * pool.causes[i].block[:, 0] + 7 * pool.causes[j].block[:, 0] + rng.normal(size=DOF)
     ranked = Search(pool, z, known=True).run()
-    pairs = {pair: score(pool, z, pair) for pair in combinations(range(len(pool.causes)), 2)}
+    pairs = {pair: score(pool, z, pair) for pair in combinations(range(pool.size), 2)}
     best = max(pairs, key=pairs.__getitem__)
     scores = {ranked.set_at(k): value for k, value in enumerate(ranked.log_posterior)}
     assert best in scores

@@ -12,8 +12,7 @@ from jaxtyping import Int
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration
-from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED, Cause
 from tumblecal.diagnosis.findings import residuals
 from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.findings.factors import Factor, factors

@@ -17,9 +17,8 @@ LEAST_POSSIBLE = 5.0
 OUTLIER_VISIBLE = 0.1
 # Exchanged readings closer than this (white norm) are indistinguishable from correct ones. (blind)
 LEAST_SHIFT = 3.0
-# All pairs are candidates for an exchange up to so many (100 positions); of more the so many that explain most: an exchange
-# that shows at all explains more than those that only share a position with it. (150 to 400 positions, alone and with others)
-MOST_PAIRS, PAIRS_OF_MANY = 5000, 500
+# Pairs of so many positions, those that the residual contradicts most, are candidates for an exchange.
+MOST_EXCHANGED = 100
 
 # Prior weight of the kinds of causes: physics of the catalogue, single outlying positions, two exchanged, an angle off by a
 # step, generic terms for causes that no entry describes. Within a kind the weight is spread evenly. Stated probabilities

@@ -218,7 +218,7 @@ def use_of_diagnosis(
 
 def _uses_of_diagnosis(diagnosis: "Diagnosis") -> Iterator[Use]:
     """The uses that the findings allow."""
-    from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+    from tumblecal.diagnosis.causes.cause import UNEXPLAINED
 
     best, gain = diagnosis.best, diagnosis.gain if diagnosis.members else None
     if diagnosis.implausible:

@@ -13,8 +13,7 @@ from tumblecal.data.position_comments import WITHIN_DWELLS, identity_words
 from tumblecal.data.positions import joined_arguments
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes.cause import Cause, id_of, label_words
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED, Cause, id_of, label_words
 from tumblecal.diagnosis.coefficients import about_one_reference, coefficients, findings_of_causes, first_unnamed
 from tumblecal.diagnosis.findings.candidate_law import Term, law_words, term_words
 from tumblecal.diagnosis.findings.factors import Factor, Reason

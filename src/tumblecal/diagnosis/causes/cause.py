@@ -1,7 +1,7 @@
-"""A cause, the common form of all possible errors, and the kind of the catalogue's effects."""
+"""A cause, the common form of all possible errors; its kind; words of labels."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from enum import IntEnum
 from itertools import groupby
 from typing import NamedTuple
 
@@ -16,18 +16,24 @@ from tumblecal.ground.showing import brief
 
 # A cause that changes no column.
 NO_SLOT = Slot("", 0, (), (), (), (), (), False, lambda where: ())
+# The label of causes that no entry of the catalogue describes.
+UNEXPLAINED = "unexplained"
 
 
-@dataclass(frozen=True)
-class Kind:
-    """Properties common to all causes of a kind.
+class Kind(IntEnum):
+    """What a cause is; `SWAP` and `MISLABEL` have no coefficients, and no entry describes what is `GENERIC`."""
 
-    - `fitted`: whether they have coefficients. `named`: whether the catalogue describes them.
-    """
+    EFFECT = 0
+    SIGNS = 1
+    OUTLIER = 2
+    SWAP = 3
+    MISLABEL = 4
+    JUMP = 5
+    CLIPPED = 6
+    GENERIC = 7
 
-    name: str
-    fitted: bool = True
-    named: bool = True
+
+EFFECT, SIGNS, GENERIC = Kind.EFFECT, Kind.SIGNS, Kind.GENERIC
 
 
 def _as_it_is(problem: Problem) -> Problem:
@@ -36,7 +42,7 @@ def _as_it_is(problem: Problem) -> Problem:
 
 
 class Cause(NamedTuple):
-    """One possible cause of the residuals of the nominal model.
+    """One possible cause of the residuals of the nominal model: a row of a `Pool`.
 
     - `label`: its name in an explanation: an id, or an id with the names of positions after a colon.
     - `log_weight`, `log_test_weight`: logarithms of its prior weight, in the posterior and in the test.
@@ -72,7 +78,7 @@ class Cause(NamedTuple):
     @property
     def named(self) -> bool:
         """Whether the catalogue describes it."""
-        return self.kind.named
+        return self.kind != GENERIC
 
 
 def id_of(label: str) -> str:
@@ -91,6 +97,3 @@ def family_of(id: str) -> tuple[str, str] | None:
     """Kind and axis of an effect that acts on one of the axes."""
     kind, _, axis = id.rpartition(".")
     return (kind, axis) if axis in AXES else None
-
-
-EFFECT = Kind("effect")

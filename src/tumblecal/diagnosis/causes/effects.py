@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause, family_of
-from tumblecal.diagnosis.causes.table import CauseTable
+from tumblecal.diagnosis.causes.table import Pool
 from tumblecal.diagnosis.priors import EFFECT_TEST_WEIGHT, LEAST_POSSIBLE, SECOND_ORDER
 from tumblecal.full_model.layout import Slot
 from tumblecal.full_model.priors import EFFECT_WEIGHT, VISIBLE
@@ -38,16 +38,6 @@ class SeenEffects:
         for numbers, seen in self.groups:
             ranks[numbers] = seen.shown.sum(axis=1)
         return ranks
-
-    def rows(self, chosen: Int[np.ndarray, " chosen"]) -> tuple[Float[np.ndarray, "rows nu"], Int[np.ndarray, " rows"]]:
-        """The signals of some effects as rows, one effect after the other, and whose each is among the chosen."""
-        owners = np.concatenate([np.repeat(numbers, self.ranks[numbers]) for numbers, _ in self.groups])
-        taken = np.zeros(len(self.slots), bool)
-        taken[chosen] = True
-        order = np.argsort(owners, kind="stable")
-        order = order[taken[owners[order]]]
-        rows = np.concatenate([seen.rows for _, seen in self.groups])
-        return rows[order], np.searchsorted(chosen, owners[order])
 
     @cached_property
     def absorbed(self) -> Int[np.ndarray, " absorbed"]:
@@ -112,8 +102,8 @@ def _moved_or_equal(at: Tangent, moved: Bool[np.ndarray, " effects"]) -> Bool[np
     return moved | np.array([key in there for key in keys], bool)
 
 
-def effect_causes(at: Tangent, seen: SeenEffects, visible: frozenset[str] | None = None) -> CauseTable:
-    """Causes for every visible effect.
+def effect_causes(at: Tangent, seen: SeenEffects, visible: frozenset[str] | None = None) -> Pool:
+    """Candidates for every visible effect.
 
     **Arguments:**
 
@@ -129,17 +119,13 @@ def effect_causes(at: Tangent, seen: SeenEffects, visible: frozenset[str] | None
         kept = (listed | layout.kinked | seen.moved)[numbers]
         numbers, shares = numbers[kept], shares[kept]
     slots = [seen.slots[number] for number in numbers.tolist()]
+    rows = np.concatenate([own.rows for _, own in seen.groups])
+    owners = np.concatenate([np.repeat(own, seen.ranks[own]) for own, _ in seen.groups])
+    taken = np.isin(owners, numbers)
 
-    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        directions = seen.of(int(numbers[k])).directions
-        return Cause(EFFECT, label, *weights, block, slot=slots[k], directions=directions)
+    def made(k: int, cause: Cause) -> Cause:
+        return cause._replace(directions=seen.of(int(numbers[k])).directions)
 
-    return CauseTable(
-        EFFECT,
-        [slot.id for slot in slots],
-        shares + np.log(EFFECT_WEIGHT),
-        shares + np.log(EFFECT_TEST_WEIGHT),
-        *seen.rows(numbers),
-        made,
-        slots,
-    )
+    weights = shares + np.log(EFFECT_WEIGHT), shares + np.log(EFFECT_TEST_WEIGHT)
+    owners = np.searchsorted(numbers, owners[taken])
+    return Pool.of_kind(EFFECT, [slot.id for slot in slots], weights, rows[taken], owners, made, slots)

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes.cause import Cause, Kind
-from tumblecal.diagnosis.causes.table import CauseTable
+from tumblecal.diagnosis.causes.cause import SIGNS, Cause
+from tumblecal.diagnosis.causes.table import Pool
 from tumblecal.full_model.priors import EFFECT_WEIGHT, VISIBLE
 from tumblecal.full_model.tangent import Tangent
 from tumblecal.full_model.visibility import least_signal
 
 
-SIGNS = Kind("signs")
 # Inputs nearer to zero (g) have either sign.
 NEAR_ZERO = 0.1
 # The signs of more positions of one setting are not varied; choices of several settings together are, up to this number.
@@ -28,9 +27,9 @@ _FROM_ZERO, _HELD = 1e-6, 1e8
 _STEP = 1e-3
 
 
-def sign_variants(at: Tangent) -> list[CauseTable]:
-    """The variants of every effect that jumps, as causes with the effect's label; none where no input is near zero."""
-    layout, tables = at.model.layout, []
+def sign_variants(at: Tangent) -> list[Pool]:
+    """The variants of every effect that jumps, as candidates with the effect's label; none where no input is near zero."""
+    layout, pools = at.model.layout, list[Pool]()
     numbers = np.flatnonzero(layout.kinked)
     for number, share in zip(numbers.tolist(), layout.log_shares(np.arange(len(layout.slots)))[numbers], strict=True):
         slot = layout.slots[number]
@@ -40,15 +39,13 @@ def sign_variants(at: Tangent) -> list[CauseTable]:
         sizes = np.linalg.norm(rows, axis=1)
         shown = sizes > np.maximum(VISIBLE * np.linalg.norm(whole, axis=0), least_signal(at))
         signs, rows = signs[shown], rows[shown] / sizes[shown, None]
-        weight = np.full(len(rows), share + np.log(EFFECT_WEIGHT))
 
-        def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray, slot=slot, signs=signs) -> Cause:
-            return Cause(SIGNS, label, *weights, block, slot=slot, directions=np.eye(1), signs=signs[k])
+        def made(k: int, cause: Cause, signs: np.ndarray = signs) -> Cause:
+            return cause._replace(directions=np.eye(1), signs=signs[k])
 
-        never = np.full(len(rows), -np.inf)
-        owners, slots = np.arange(len(rows)), [slot] * len(rows)
-        tables.append(CauseTable(SIGNS, [slot.id] * len(rows), weight, never, rows, owners, made, slots))
-    return tables
+        weights, slots = (share + np.log(EFFECT_WEIGHT), -np.inf), [slot] * len(rows)
+        pools.append(Pool.of_kind(SIGNS, [slot.id] * len(rows), weights, rows, None, made, slots))
+    return pools
 
 
 def sign_choices(at: Tangent, column: int) -> Float[np.ndarray, "choices positions"]:

@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED, Cause
 from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.lack_of_fit import LackOfFit
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives

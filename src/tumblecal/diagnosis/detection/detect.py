@@ -16,7 +16,8 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.detection.alternatives import Alternatives
 from tumblecal.diagnosis.detection.null_curve import log_p_value, threshold
 from tumblecal.diagnosis.priors import FAR, POSITIONS_SIZE, SEVERAL_SHARE, SEVERAL_SIZE, SIZE
-from tumblecal.full_model.evidence import log_evidence, log_evidence_of_noise
+from tumblecal.diagnosis.sets.partial_set import nothing, with_each
+from tumblecal.full_model.evidence import log_evidence_of_noise
 from tumblecal.full_model.tangent import Tangent
 
 
@@ -53,38 +54,22 @@ def statistics(
     pool: Pool, alternatives: Alternatives | None, z: Float[np.ndarray, "draws nu"], known: bool
 ) -> Float[np.ndarray, " draws"]:
     """Log Bayes factor of "one cause of the list" against "adequate", for many residual vectors."""
-    scores = scores_of_each(pool, alternatives, z, known)
-    highest = np.max([np.max(score, axis=1, initial=-np.inf) for score in scores], axis=0)
-    together = sum(np.sum(np.exp(score - highest[:, None]), axis=1) for score in scores)
-    return highest + np.log(together) - log_evidence_of_noise(np.sum(z**2, axis=1), pool.dof, known)
-
-
-def scores_of_each(
-    pool: Pool, alternatives: Alternatives | None, z: Float[np.ndarray, "draws nu"], known: bool
-) -> list[Float[np.ndarray, "draws causes"]]:
-    """Log evidence with its weight in the test of each cause, family and alternative, in parts of the list."""
-    total, scores = np.sum(z**2, axis=1), [np.zeros((len(z), 0))]
-    for tested in pool.tested:
-        if len(tested.ranks):
-            explained = np.add.reduceat((z @ tested.columns) ** 2, tested.first, axis=1)
-            totals = np.broadcast_to(total[:, None], explained.shape)
-            scores.append(log_evidence(totals, [(explained, tested.ranks)], pool.dof, known) + tested.log_weights)
-    if len(pool.faults):
-        totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
-        scores.append(log_evidence_of_noise(totals, pool.dof, known) + pool.test_log_weights[pool.faults])
+    weights = np.concatenate([pool.test_log_weights, pool.together.test_log_weights])
+    scores = with_each(pool, known, nothing(z), groups=True, jointly=True) + weights
     if alternatives is not None:
-        scores.append(alternatives.test_log_evidence(z, known))
-    return scores
+        scores = np.hstack([scores, alternatives.test_log_evidence(z, known)])
+    return np.logaddexp.reduce(scores, axis=1, initial=-np.inf) - log_evidence_of_noise(
+        np.vecdot(z, z), pool.dof, known
+    )
 
 
 def weight_of(pool: Pool, alternatives: Alternatives | None, sigma: float = 1.0) -> float:
     """Sum of the weights in the test: of the causes that noise alone, of standard deviation `sigma`, may look like, and of the
     alternatives."""
-    near = pool.offset_squares < (FAR * sigma) ** 2
-    logs = [*(tested.log_weights for tested in pool.tested), pool.test_log_weights[pool.faults[near]]]
-    if alternatives is not None:
-        logs.append(alternatives.test_log_weights)
-    return float(np.sum(np.exp(np.concatenate(logs))))
+    logs, far = pool.test_log_weights.copy(), pool.offset_squares >= (FAR * sigma) ** 2
+    logs[pool.faults[far]] = -np.inf
+    others = [] if alternatives is None else [alternatives.test_log_weights]
+    return float(np.sum(np.exp(np.concatenate([logs, pool.together.test_log_weights, *others]))))
 
 
 def detected_together(detection: Detection, log_odds: float, size: float = SIZE) -> Detection:

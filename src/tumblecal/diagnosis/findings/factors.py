@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.causes.cause import id_of
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED, id_of
 from tumblecal.diagnosis.priors import CORRELATED_COLUMNS, INDISTINGUISHABLE, LARGER_ERROR
 from tumblecal.diagnosis.sets.exchanges import Exchange, Labels, exchanges, parts
 from tumblecal.diagnosis.sets.explanation import Explanation

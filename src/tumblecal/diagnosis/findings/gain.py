@@ -18,8 +18,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis.priors import FOLD_ROUNDS, FOLD_SETS, FOLD_SINGLES, NEAR_IN_FOLDS
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, rows_of
-from tumblecal.diagnosis.sets.enlarged import Enlarged
-from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.diagnosis.sets.partial_set import partial_sets, with_each
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.errors import InputError
@@ -235,7 +234,7 @@ def _searched(screened: Screened, asides: Float[np.ndarray, "folds out nu"]) -> 
     search, ranked = screened.search, screened.search.ranked()
     pool, near = search.pool, ranked.members[ranked.log_posterior > ranked.log_posterior[0] - NEAR_IN_FOLDS]
     nothing = partial_sets(pool, search.z, [()] * len(asides), asides)
-    alone = Enlarged(pool, search.known, nothing).settled() + SetPriors.of(pool, rows_of([()])).with_each()
+    alone = with_each(pool, search.known, nothing) + SetPriors.of(pool, rows_of([()])).with_each()
     singles = np.argpartition(-alone, min(FOLD_SINGLES, pool.size - 1), axis=1)[:, :FOLD_SINGLES]
     numbers = np.unique(np.concatenate([near[near >= 0], singles.ravel()]))
     further = pool.only(numbers)
@@ -252,7 +251,7 @@ def _searched(screened: Screened, asides: Float[np.ndarray, "folds out nu"]) -> 
             folds, sets = (list(part) for part in zip(*some, strict=True))
             bases, priors = partial_sets(pool, search.z, sets, asides[folds]), SetPriors.of(pool, rows_of(sets))
             own = bases.log_evidence(pool.dof, search.known) + priors.own
-            enlarged = Enlarged(further, search.known, bases).settled() + priors.with_each()[:, numbers]
+            enlarged = with_each(further, search.known, bases) + priors.with_each()[:, numbers]
             there = np.array([np.isin(numbers, members) | (len(members) == MOST) for members in sets])
             scores = np.column_stack([own, np.where(there, -np.inf, enlarged)])
             for (fold, members), row, k in zip(some, scores, scores.argmax(axis=1).tolist(), strict=True):

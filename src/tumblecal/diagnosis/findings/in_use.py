@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.sign_variants import SIGNS
+from tumblecal.diagnosis.causes.cause import SIGNS, Cause
 from tumblecal.diagnosis.findings.model_average import Average, Weighed, is_thermal, remaining_explanations
 from tumblecal.diagnosis.priors import MOST_BEHIND
 from tumblecal.diagnosis.screening.screened import Screened

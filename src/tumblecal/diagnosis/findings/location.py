@@ -15,12 +15,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.table import Pool
 from tumblecal.diagnosis.priors import LEAST_LOCATED_ODDS
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import rows_of
-from tumblecal.diagnosis.sets.enlarged import Enlarged
-from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.diagnosis.sets.partial_set import partial_sets, with_each
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.full_model.priors import VISIBLE
 from tumblecal.full_model.tangent import Tangent
@@ -70,10 +69,9 @@ def located(screened: Screened) -> list[Located]:
     least = 0.0 if best.unexplained else LEAST_LOCATED_ODDS
     whole = search.posterior_at(members, search.left(members)) if members else screened.log_posterior_of_unexplained
     rests = [rest for size in range(max(1, len(members))) for rest in combinations(members, size)]
-    enlarged = Enlarged(cut, search.known, partial_sets(search.pool, search.z, rests))
+    evidence = with_each(cut, search.known, partial_sets(search.pool, search.z, rests))
     prior = SetPriors.of(pool, rows_of(rests)).beside(cut.log_weights) - whole
-    enlarged.settle(enlarged.evidence + prior > least)
-    odds = np.where(enlarged.open, -np.inf, enlarged.evidence + prior)
+    odds = evidence + prior
     found: dict[str, Located] = {}
     for row, k in np.argwhere(odds > least).tolist():
         (cause, words, count), others = listed[k], tuple(pool.labels[other] for other in rests[row])

@@ -14,10 +14,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.generic import GENERIC, HEAD_ANGLES, UNEXPLAINED
-from tumblecal.diagnosis.causes.shapes import products
+from tumblecal.diagnosis.causes.cause import GENERIC, UNEXPLAINED, Cause
 from tumblecal.diagnosis.causes.table import Blocks
+from tumblecal.diagnosis.causes.terms import HEAD_ANGLES, products
 from tumblecal.diagnosis.lack_of_fit.evidence import (
     best_curve,
     by_size,

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED
 from tumblecal.diagnosis.noise.models import NoiseModel, noisier_readings
 from tumblecal.diagnosis.priors import ATTITUDE_ERRORS, GENERIC_WEIGHT, NOISE_WEIGHT
 from tumblecal.full_model.tangent import Tangent

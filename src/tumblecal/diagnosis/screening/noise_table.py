@@ -48,7 +48,7 @@ def many_outliers(screened: Screened) -> bool:
 
 def without_outliers(search: Search, members: Members) -> Members:
     """A set of causes less its outlying positions."""
-    return tuple(k for k in members if k not in search.pool.outlying)
+    return tuple(k for k in members if not search.pool.is_outlier[k])
 
 
 @dataclass(frozen=True)

@@ -113,8 +113,9 @@ class Screening:
 
     def _with_signs(self, screened: Screened) -> Screened:
         """A screen with the sign variants as further candidates."""
-        at, tables = screened.at, sign_variants(screened.at)
-        pool = replace(screened.pool, tables=(*screened.pool.tables, *tables)).without(self.impossible)
+        at, own = screened.at, screened.pool
+        parts = [own, *sign_variants(at)]
+        pool = Pool.joined(parts, at.dof, seen_effects=own.seen_effects, generic=own.generic).without(self.impossible)
         search = Search(pool, at.z, at.problem.known, self.found)
         return self._explained(at, pool, screened.alternatives, screened.detection, search)
 
@@ -174,7 +175,7 @@ class Screening:
             together = float(np.logaddexp(search.several(), others.lack_of_fit - none))
             detection = detected_together(detection, together, self.size)
         if not detection.detected and not known:
-            detection = detected_positions(detection, positions_off(pool, at.z), self.size)
+            detection = detected_positions(detection, positions_off(pool, at.z)[0], self.size)
         return self._explained(at, pool, others, detection, search, likely)
 
     def _explained(

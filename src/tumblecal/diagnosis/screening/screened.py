@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.cause import SIGNS, UNEXPLAINED, Cause
 from tumblecal.diagnosis.causes.effects import SeenEffects
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.detection.alternatives import Alternatives
 from tumblecal.diagnosis.detection.detect import Detection
 from tumblecal.diagnosis.priors import CONTRADICTED, SETTLED, UNMOVED

@@ -1,9 +1,9 @@
 """Sets of causes: tuples of indices into a pool, in ascending order, or rows of them that end in -1."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -50,8 +50,7 @@ def _numbers(count: int) -> np.ndarray:
     return np.append(np.random.default_rng(0).integers(1 << 63, size=count, dtype=np.uint64), np.uint64(0))
 
 
-@dataclass(frozen=True)
-class Ranked:
+class Ranked(NamedTuple):
     """Sets of candidates with their unnormalised log posteriors, best first; rows of `members` end in -1."""
 
     members: Int[np.ndarray, "sets most"]

@@ -11,7 +11,7 @@ from operator import attrgetter
 import numpy as np
 from jaxtyping import Bool, Int
 
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.together import Together
@@ -175,18 +175,13 @@ def _same_signal(
 
 def further_powers(together: Together, sets: Int[np.ndarray, "sets most"]) -> Bool[np.ndarray, "sets sets"]:
     """Which pairs of sets (rows that end in -1) are one and the same with further powers of polynomials that both have."""
-    more = np.zeros((len(sets), len(sets)), bool)
+    used = np.unique(sets[sets >= 0])
+    has, powers = (sets[:, :, None] == used).any(axis=1), together.polynomial[used]
     # A further member of any other kind excludes a pair.
-    powers = np.append(together.polynomial, -1)[sets]
-    fewer, larger = np.nonzero((sets >= 0).sum(axis=1)[:, None] < (sets >= 0).sum(axis=1))
-    likely = np.any(powers >= 0, axis=1)
-    fewer, larger = (rows[likely[fewer] & likely[larger]] for rows in (fewer, larger))
-    both = sets[fewer][:, :, None] == sets[larger][:, None, :]
-    nested = np.all(np.any(both, axis=2) | (sets[fewer] < 0), axis=1)
-    same = (powers[fewer][:, :, None] == powers[larger][:, None, :]) & (powers[larger] >= 0)[:, None, :]
-    of_both = np.any(same, axis=1) | np.any(both, axis=1) | (sets[larger] < 0)
-    here = nested & np.all(of_both, axis=1)
-    more[fewer[here], larger[here]] = True
+    of_same = (has @ (powers[:, None] == powers)) & (powers >= 0)
+    size, inside = has.sum(axis=1), has.astype(float)
+    nested = inside @ inside.T == size[:, None]
+    more = nested & ((has | of_same) @ inside.T == size) & (size[:, None] < size)
     return more | more.T
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED
 from tumblecal.diagnosis.priors import LISTED, SURE
 from tumblecal.diagnosis.sets.exchanges import Labels, supersets
 

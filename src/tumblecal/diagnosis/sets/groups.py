@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.sets.cause_sets import Ranked, keys_of
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork

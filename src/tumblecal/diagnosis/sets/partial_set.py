@@ -1,14 +1,19 @@
-"""Sets of causes to be enlarged: their residuals and the directions of their blocks."""
+"""Sets of causes to be enlarged, and what each candidate adds to them.
 
-from collections.abc import Sequence
+The residual space is projected off a set's blocks, and of a further block the directions are eliminated one by one: each
+explains its squared coordinate by what the set and the directions before leave of it. A fault changes the contribution of every
+block of the set.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.table import Moves, Pool
 from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.diagnosis.sets.cause_sets import rows_of
 from tumblecal.full_model.evidence import log_evidence
@@ -65,6 +70,11 @@ class PartialSets:
         return (self.q @ self.z[:, :, None])[:, :, 0]
 
     @cached_property
+    def rest(self) -> Float[np.ndarray, "sets nu"]:
+        """What the sets leave of the residual."""
+        return self.z - (self.along[:, None] @ self.q)[:, 0]
+
+    @property
     def total(self) -> Float[np.ndarray, " sets"]:
         """The residual's sum of squares."""
         return np.vecdot(self.z, self.z)
@@ -74,23 +84,33 @@ class PartialSets:
         """The rows of each block."""
         return [slice(first, last) for first, last in pairwise(accumulate(self.widths))]
 
-    @cached_property
-    def explained(self) -> Float[np.ndarray, "sets blocks"]:
-        """Sum of squares that each block explains, in turn."""
-        explained = np.zeros((len(self.z), len(self.segments)))
-        for number, own in enumerate(self.segments):
-            explained[:, number] = np.vecdot(self.along[:, own], self.along[:, own])
-        return explained
+    def towards(self, signals: Float[np.ndarray, "signals nu"]) -> Float[np.ndarray, "sets width signals"]:
+        """Coordinates of signals along the rows of each set."""
+        sets, width, nu = self.q.shape
+        return (self.q.reshape(-1, nu) @ signals.T).reshape(sets, width, len(signals))
+
+    def parts(self, squares: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Sum of each block's squared coordinates (sets, width, ...), and its rank in every set."""
+        further = (1,) * (squares.ndim - 2)
+        return [
+            (squares[:, own].sum(axis=1), rank.reshape(-1, *further))
+            for own, rank in zip(self.segments, self.ranks.T, strict=True)
+        ]
 
     def log_evidence(self, dof: int, known: bool) -> Float[np.ndarray, " sets"]:
         """Log evidence of each set in a residual space of this dimension."""
-        return log_evidence(self.total, list(zip(self.explained.T, self.ranks.T, strict=True)), dof - self.aside, known)
+        return log_evidence(self.total, self.parts(self.along**2), dof - self.aside, known)
 
     def only(self, row: int) -> PartialSet:
         """One of the sets."""
         blocks = self.q[row, self.aside :]
         taken = blocks[np.any(blocks != 0.0, axis=1)]
         return PartialSet(self.members[row], self.z[row], taken.T, tuple(self.ranks[row].tolist()))
+
+
+def nothing(z: Float[np.ndarray, "sets nu"]) -> PartialSets:
+    """The empty set, for each of some residuals."""
+    return PartialSets([()] * len(z), z, np.zeros((len(z), 0, z.shape[1])), (0,), np.zeros((len(z), 0), int))
 
 
 def partial_sets(
@@ -106,7 +126,9 @@ def partial_sets(
     - `asides`: for each set orthonormal directions of excluded readings, as rows.
     """
     rows = rows_of(sets, max(map(len, sets)))
-    left, q = _without_faults(pool, z, rows), np.zeros((len(sets), 0, len(z)))
+    left, q = np.repeat(z[None], len(sets), axis=0), np.zeros((len(sets), 0, len(z)))
+    for row, member in zip(*((rows >= 0) & np.isin(rows, pool.faults)).nonzero(), strict=True):
+        left[row] -= pool.offsets[np.searchsorted(pool.faults, rows[row, member])]
     if asides is not None:
         q, along = asides, asides @ left[:, :, None]
         left = left - (along.mT @ asides)[:, 0]
@@ -114,8 +136,8 @@ def partial_sets(
     ranks = np.where(rows >= 0, pool.ranks[rows], 0)
     slot = np.arange(ranks.max(initial=0))
     there = slot < ranks[:, :, None]
-    columns = np.where(there, pool.first_columns[rows][:, :, None] + slot, 0)
-    blocks = pool.stacked.T[columns] * there[:, :, :, None]
+    columns = np.where(there, pool.first_rows[rows][:, :, None] + slot, 0)
+    blocks = pool.rows[columns] * there[:, :, :, None]
     # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
     along = (blocks @ left[:, None, :, None])[..., 0]
     turn = np.arange(len(sets))[:, None], (-np.vecdot(along, along)).argsort(axis=1, kind="stable")
@@ -132,34 +154,6 @@ def partial_sets(
     return PartialSets(sets, left, q, tuple(widths), taken)
 
 
-def least_left(
-    pool: Pool, z: Float[np.ndarray, " nu"], sets: Int[np.ndarray, "sets most"]
-) -> tuple[Float[np.ndarray, " sets"], Int[np.ndarray, "sets most"]]:
-    """Lower bound of the residual of sets of effects (rows that end in -1), by normal equations, and the ranks of their
-    blocks."""
-    ranks = np.where(sets >= 0, pool.ranks[sets], 0)
-    number = np.arange(ranks.max())
-    there = (number < ranks[:, :, None]).reshape(len(sets), -1)
-    columns = np.where(there, (pool.first_columns[sets][:, :, None] + number).reshape(there.shape), 0)
-    used, place = np.unique(columns, return_inverse=True)
-    rows, place = pool.stacked.T[used], place.reshape(columns.shape)
-    along, gram = (rows @ z)[place] * there, (rows @ rows.T)[place[:, :, None], place[:, None]]
-    # For nearly collinear directions the apparent explained part is too large: the remainder is a bound.
-    gram = gram * (there[:, :, None] & there[:, None]) + 1e-9 * np.eye(there.shape[1])
-    explained = np.vecdot(along, np.linalg.solve(gram, along[:, :, None])[:, :, 0])
-    return np.maximum(z @ z * (1 - 1e-6) - explained, 0.0), ranks
-
-
-def _without_faults(pool: Pool, z: np.ndarray, sets: Int[np.ndarray, "sets most"]) -> Float[np.ndarray, "sets nu"]:
-    """The residual when the faults of each set are undone."""
-    left = np.repeat(z[None], len(sets), axis=0)
-    there = (sets >= 0) & pool.is_fault[sets]
-    if there.any():
-        for row, member in zip(*there.nonzero(), strict=True):
-            left[row] -= pool.offsets[:, np.searchsorted(pool.faults, sets[row, member])]
-    return left
-
-
 def _orthonormal(
     rest: Float[np.ndarray, "sets width nu"],
 ) -> tuple[Float[np.ndarray, "sets width nu"], Int[np.ndarray, " sets"]]:
@@ -173,3 +167,56 @@ def _orthonormal(
     free = values > COLLINEAR
     scale = np.divide(1.0, np.sqrt(np.maximum(values, COLLINEAR)), out=np.zeros_like(values), where=free)
     return turned * scale[:, :, None], free.sum(axis=1)
+
+
+def added(
+    pool: Pool, bases: PartialSets, moves_tried: Sequence[Moves]
+) -> Iterator[tuple[Moves, Float[np.ndarray, "width sets moves"], Bool[np.ndarray, "width sets moves"]]]:
+    """What each direction of every further candidate, or group of them, explains of what some sets leave, and whether it
+    counts."""
+    along, overlap = bases.rest @ pool.rows.T, bases.towards(pool.rows)
+    for moves in moves_tried:
+        # The directions first: all arithmetic is along the moves.
+        towards = np.ascontiguousarray(along.take(moves.columns.T, axis=1).swapaxes(0, 1))
+        own = overlap.take(moves.columns.T, axis=2) * moves.there.T
+        gram = moves.gram.T[:, :, None] - np.einsum("sqim,sqjm->ijsm", own, own)
+        explained, counts = np.empty(towards.shape), np.empty(towards.shape, bool)
+        for k, pivot in enumerate(np.einsum("kksm->ksm", gram)):
+            counts[k] = pivot > COLLINEAR
+            scale = counts[k] / np.maximum(pivot, COLLINEAR)
+            explained[k] = towards[k] ** 2 * scale
+            share = gram[k, k + 1 :] * scale
+            towards[k + 1 :] -= towards[k] * share
+            gram[k + 1 :, k + 1 :] -= gram[k, k + 1 :, None] * share
+        yield moves, explained, counts
+
+
+def with_each(
+    pool: Pool, known: bool, bases: PartialSets, *, groups: bool = False, jointly: bool = False
+) -> Float[np.ndarray, "sets further"]:
+    """Log evidence of each set with every candidate; -inf where that adds nothing.
+
+    **Arguments:**
+
+    - `groups`: whether the groups of candidates follow. `jointly`: whether the members of a group are one block: they have
+      coefficients of one size.
+    """
+    dof, total = pool.dof - bases.aside, bases.total[:, None]
+    tried, further = (pool.group_moves, len(pool.together.groups)) if groups else ([], 0)
+    evidence = np.full((len(bases.z), pool.size + further), -np.inf)
+    parts = [(part[:, None], rank[:, None]) for part, rank in bases.parts(bases.along**2)]
+    for moves, explained, counts in added(pool, bases, [*pool.moves, *tried]):
+        own = [(explained.sum(axis=0), counts.sum(axis=0))]
+        if not jointly and (several := int(moves.members.max())):
+            which = [np.equal(moves.members, member).T[:, None] for member in range(several + 1)]
+            own = [((explained * here).sum(axis=0), (counts & here).sum(axis=0)) for here in which]
+        score = log_evidence(total, [*parts, *own], dof, known)
+        evidence[:, moves.numbers] = np.where(counts.any(axis=0), score, -np.inf)
+    if len(pool.faults):
+        rest = bases.rest
+        overlap = bases.towards(pool.offsets)
+        left = np.vecdot(rest, rest)[:, None] - 2 * rest @ pool.offsets.T + pool.offset_squares
+        left = np.maximum(left - (overlap**2).sum(axis=1), 0.0)
+        undone = bases.parts((bases.along[:, :, None] - overlap) ** 2)
+        evidence[:, pool.faults] = log_evidence(left + sum(part for part, _ in undone), undone, dof, known)
+    return evidence

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from tumblecal.diagnosis.causes.cause import id_of
-from tumblecal.diagnosis.causes.jumps import JUMPS
+from tumblecal.diagnosis.causes.terms import JUMPS
 from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.showing import brief

@@ -5,85 +5,76 @@ residual is selected. The residual without a given set is Beta-distributed if th
 kind bounds the p-value of the best of them (Bonferroni).
 """
 
-from itertools import combinations
 from math import comb, log
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy import special
 
-from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.table import Pool
 from tumblecal.diagnosis.priors import MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE, WIDTH
 from tumblecal.diagnosis.sets.cause_sets import Members
-from tumblecal.diagnosis.sets.partial_set import least_left
+from tumblecal.diagnosis.sets.partial_set import added, partial_sets
 from tumblecal.full_model.evidence import LEAST_FREE
 
 
-def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:
+def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> tuple[float, list[Members]]:
     """The p-value (upper bound) of the two or three positions, or the one and an effect, whose removal leaves the smallest
-    residual. It is 1 if there are so many positions that each outlier is visible by itself.
+    residual; and the best pairs and triples of positions. It is 1, and there are none, if there are so many positions that each
+    outlier is visible by itself.
 
     Positions alone and one with an effect have half of the size each, if both are tested.
     """
     whole = _whole(pool)
     if len(whole) < 2 or comb(len(whole), 2) > MOST_POSITION_PAIRS or not np.any(z):
-        return 1.0
+        return 1.0, []
+    alone = [(k,) for k in whole]
+    effects = pool.effects.tolist() if len(whole) <= MOST_POSITIONS_BESIDE else []
+    logs = _log_shares_left(pool, z, alone, [*effects, *whole])
+    with_effects, pairs = logs[:, : len(effects)], np.triu(logs[:, len(effects) :], 1)
+    best = np.argsort(pairs, axis=None, kind="stable")[:WIDTH].tolist()
+    found = [(whole[k // len(whole)], whole[k % len(whole)]) for k in best if pairs.flat[k] < 0.0]
+    of_threes = _log_shares_left(pool, z, found, whole) if found else np.zeros((0, len(whole)))
+    listed = {
+        tuple(sorted((*pair, other))): float(value)
+        for pair, row in zip(found, of_threes, strict=True)
+        for other, value in zip(whole, row, strict=True)
+        if other not in pair
+    }
     # The bound (log) of two or three positions, each at half of the size.
-    alone = min(
-        log(2 * comb(len(whole), sets.shape[1])) + float(logs.min(initial=0.0))
-        for sets, logs in _pairs_and_threes(pool, z, whole)
-        if len(logs)
+    bound = min(
+        log(2 * comb(len(whole), 2)) + float(pairs.min()),
+        log(2 * max(comb(len(whole), 3), 1)) + min(listed.values(), default=0.0),
     )
-    effects = pool.effects if len(whole) <= MOST_POSITIONS_BESIDE else pool.effects[:0]
-    if not len(effects):
-        return float(np.exp(min(0.0, alone)))
-    beside = np.stack(np.meshgrid(effects, whole, indexing="ij"), axis=-1).reshape(-1, 2)
-    bound = log(len(beside)) + float(_log_shares_left(pool, z, beside).min(initial=0.0))
-    return float(np.exp(min(0.0, log(2) + min(alone, bound))))
-
-
-def off_together(pool: Pool, z: Float[np.ndarray, " nu"]) -> list[Members]:
-    """The best pairs and triples of outlier positions, by the residual without them; none if there are so many positions that
-    each outlier is visible by itself."""
-    whole = _whole(pool)
-    if len(whole) < 2 or comb(len(whole), 2) > MOST_POSITION_PAIRS:
-        return []
-    sets = (
-        sets[np.argsort(logs, kind="stable")[:WIDTH]] for sets, logs in _pairs_and_threes(pool, z, whole) if len(sets)
-    )
-    return [tuple(sorted(own)) for best in sets for own in best.tolist()]
-
-
-def _pairs_and_threes(
-    pool: Pool, z: Float[np.ndarray, " nu"], whole: Int[np.ndarray, " positions"]
-) -> list[tuple[Int[np.ndarray, "sets number"], Float[np.ndarray, " sets"]]]:
-    """All pairs, and the best of them with each other position; log probabilities as of `_log_shares_left`."""
-    pairs = np.array([*combinations(whole.tolist(), 2)])
-    of_pairs = _log_shares_left(pool, z, pairs)
-    best = pairs[np.argsort(of_pairs, kind="stable")[:WIDTH]].tolist()
-    threes = {tuple(sorted((*pair, other))) for pair in best for other in whole.tolist() if other not in pair}
-    listed = np.array(sorted(threes), int).reshape(-1, 3)
-    return [(pairs, of_pairs), (listed, _log_shares_left(pool, z, listed))]
+    if effects:
+        bound = log(2) + min(bound, log(with_effects.size) + float(with_effects.min()))
+    threes = sorted(listed, key=listed.__getitem__)[:WIDTH]
+    return float(np.exp(min(0.0, bound))), [*found, *threes]
 
 
 def _log_shares_left(
-    pool: Pool, z: Float[np.ndarray, " nu"], sets: Int[np.ndarray, "sets number"]
-) -> Float[np.ndarray, " sets"]:
-    """Log probability, where nothing is wrong, that so small a share is left without each set."""
-    if not len(sets):
-        return np.zeros(0)
-    left, ranks = least_left(pool, z, sets)
-    taken = ranks.sum(axis=1)
+    pool: Pool, z: Float[np.ndarray, " nu"], sets: list[Members], others: list[int]
+) -> Float[np.ndarray, "sets others"]:
+    """Log probability, where nothing is wrong, that so small a share is left without each set and each further cause."""
+    near = pool.only(np.array(sorted(others)))
+    bases = partial_sets(pool, z, sets)
+    rest = np.vecdot(bases.rest, bases.rest)[:, None]
+    left, taken = np.repeat(rest, near.size, axis=1), np.zeros((len(sets), near.size), int)
+    for moves, explained, counts in added(near, bases, near.moves):
+        left[:, moves.numbers] -= explained.sum(axis=0)
+        taken[:, moves.numbers] = counts.sum(axis=0) + bases.ranks.sum(axis=1)[:, None]
     free = pool.dof - taken
-    below = special.betainc(np.maximum(free, 1) / 2, taken / 2, np.minimum(left / (z @ z), 1.0))
-    return np.where(free >= LEAST_FREE, np.log(np.maximum(below, 1e-300)), 0.0)
+    share = np.clip(left / (z @ z), 0.0, 1.0)
+    below = special.betainc(np.maximum(free, 1) / 2, np.maximum(taken, 1) / 2, share)
+    logs = np.where((free >= LEAST_FREE) & (taken > 0), np.log(np.maximum(below, 1e-300)), 0.0)
+    return logs[:, np.argsort(np.argsort(others))]
 
 
-def _whole(pool: Pool) -> Int[np.ndarray, " positions"]:
-    """Of each position the cause that takes all its readings."""
+def _whole(pool: Pool) -> list[int]:
+    """Of each position the candidate that takes all its readings."""
     whole: dict[str, int] = {}
     for k in np.flatnonzero(pool.is_outlier).tolist():
         other = whole.setdefault(pool.labels[k], k)
         if pool.ranks[k] > pool.ranks[other]:
             whole[pool.labels[k]] = k
-    return np.array(sorted(whole.values()), int)
+    return sorted(whole.values())

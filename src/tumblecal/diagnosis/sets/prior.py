@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.priors import FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SEVERAL_OUTLIERS
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, rows_of
+from tumblecal.effects import AXES
 from tumblecal.full_model.priors import EFFECT_WEIGHT, SIZE_PRIOR
 from tumblecal.ground.showing import brief
 
@@ -94,8 +95,22 @@ class SetPriors(NamedTuple):
         """Log prior of each set with a further cause of each of these log weights that comes together with none of the set."""
         return (_LOG_SIZE[self.causes + 1] + self.log_weight)[:, None] + log_weights
 
+    def with_groups(self) -> tuple[Int[np.ndarray, "larger most"], Float[np.ndarray, "sets groups"]]:
+        """Each set with each group of effects that are one cause, as rows, and their log priors; -inf for one that is too
+        large."""
+        groups, count = self.pool.together.groups, len(self.sets)
+        both = np.hstack([np.repeat(self.sets, len(groups), axis=0), np.tile(rows_of(groups, len(AXES)), (count, 1))])
+        # -1 as the largest number is last.
+        both = np.sort(both.view(np.uint64), axis=1)
+        both[:, 1:][both[:, 1:] == both[:, :-1]] = np.uint64(2**64 - 1)
+        both = np.sort(both, axis=1).view(np.int64)
+        fits = both[:, MOST] < 0
+        priors = np.where(fits, SetPriors.of(self.pool, both[:, :MOST]).own, -np.inf)
+        return both[:, :MOST], priors.reshape(count, len(groups))
+
     def with_each(self) -> Float[np.ndarray, "sets causes"]:
-        """Log prior of each set with each further candidate; -inf for an effect of the set from another start."""
+        """Log prior of each set with each further candidate; -inf for its own, and for an effect of the set from another
+        start."""
         pool, priors, outliers = self.pool, self.beside(self.pool.log_weights), self.outliers
         if outliers.any():
             # One more outlying position is no further cause.
@@ -112,7 +127,8 @@ class SetPriors(NamedTuple):
         starts = np.where(self.there, pool.starts[self.sets], -1)
         for row, member in zip(*(starts >= 0).nonzero(), strict=True):
             others = np.flatnonzero(pool.starts == starts[row, member])
-            priors[row, others[others != self.sets[row, member]]] = -np.inf
+            priors[row, others] = -np.inf
+        priors[self.there.nonzero()[0], self.sets[self.there]] = -np.inf
         return priors
 
 
@@ -123,7 +139,7 @@ def _together(
     there = sets >= 0
     each, alone, follows = np.where(there, pool.log_weights[sets], 0.0), there, np.zeros(sets.shape, bool)
     before, together = _BEFORE[: sets.shape[1], : sets.shape[1]], pool.together
-    on_axes, of_orders = _log_on_axes(len(pool.axes)), _log_of_orders(tuple(map(len, together.polynomials)))
+    on_axes, of_orders = _log_on_axes(len(together.axes)), _log_of_orders(tuple(map(len, together.polynomials)))
     ways = [(together.family, on_axes, False), (together.polynomial, of_orders, True)]
     for groups, log_weights, lowest in reversed(ways) if powers_first else ways:
         own = np.where(alone, groups[sets], -1)

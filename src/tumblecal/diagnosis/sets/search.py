@@ -1,31 +1,22 @@
-"""Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
+"""Sets of causes: enlarged by each candidate and by each group of effects that is one cause, reduced by each member and each
+group, until nothing better is found."""
 
-from collections.abc import Sequence
-from itertools import permutations
+from collections.abc import Iterable, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.priors import NEGLIGIBLE, OF_ORDERS, PROMISING, WIDTH
-from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, rows_of
-from tumblecal.diagnosis.sets.enlarged import Enlarged
-from tumblecal.diagnosis.sets.evaluated import Evaluated
-from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
-from tumblecal.diagnosis.sets.positions_off import off_together
+from tumblecal.diagnosis.causes.table import Pool
+from tumblecal.diagnosis.priors import NEGLIGIBLE, PROMISING, WIDTH
+from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, keys_of, rows_of, sets_of
+from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, partial_sets, with_each
+from tumblecal.diagnosis.sets.positions_off import positions_off
 from tumblecal.diagnosis.sets.prior import SetPriors, given_found, log_prior
-from tumblecal.effects import AXES
-from tumblecal.full_model.evidence import (
-    ROUNDING,
-    highest_shortfall,
-    log_evidence,
-    log_evidence_at_most,
-    log_evidence_of_noise,
-)
+from tumblecal.full_model.evidence import ROUNDING, log_evidence, log_evidence_of_noise
 from tumblecal.full_model.priors import LARGE, SIZE_PRIOR
 
 
-_MOST_EXCHANGES = 8
+_MOST_ROUNDS = 16
 # Of each batch so many sets are kept in any case: a beam's, by all the ways that lead to each.
 _SEATS = 3 * WIDTH
 # So many numbers of one array are computed at once.
@@ -33,7 +24,10 @@ _NUMBERS_AT_ONCE = 2_000_000
 
 
 class Search:
-    """All sets evaluated for one data set, with their scores; `found`: number of other causes found before."""
+    """All sets evaluated for one data set, with their scores (log posteriors, unnormalised).
+
+    - `found`: number of other causes found before. `best`, `leading`: the best score of each size, and its set.
+    """
 
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool, found: int = 0):
         self.pool: Pool = pool
@@ -41,32 +35,28 @@ class Search:
         self.known: bool = known
         self.found: int = found
         null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
-        self._evaluated = Evaluated(null)
+        self.best: list[float] = [null, *[-np.inf] * MOST]
+        self.leading: list[Members] = [()] * (MOST + 1)
+        self._kept: list[Ranked] = [Ranked(rows_of([()]), np.array([null]))]
         self._expanded: set[Members] = set()
-        self._exchanged: set[Members] = set()
         self._bases: dict[Members, PartialSet] = {}
 
-    def run(self, most: int = MOST, likely: Members = ()) -> Ranked:
-        """Search sets of up to `most` causes; `likely`: one that is evaluated in any case.
+    def run(self, likely: Members = ()) -> Ranked:
+        """Search; `likely`: a set that is evaluated in any case.
 
         **Returns:** all evaluated sets, best first.
         """
-        self.expand([()])
-        families, polynomials = (self._families, self._polynomials) if most == MOST else ([], [])
-        if looked_at := [*([likely] if len(likely) > 1 else []), *families, *polynomials]:
-            self._score(partial_sets(self.pool, self.z, looked_at))
-        self._forward(most)
-        # Positions that are off hide each other in what they do to the parameters: no way of single steps need lead to them.
-        if most == MOST and self._evaluated.best_size > 0 and (off := off_together(self.pool, self.z)):
-            self._score(partial_sets(self.pool, self.z, off))
-        if most > 1 and (self._evaluated.best_size > 1 or self._large):
-            # One strong mixture of two effects hides both: every effect is a beginning then.
-            self.expand([(k,) for k in self.pool.effects.tolist()])
-        if most > 1 and self._evaluated.best_size > 1:
-            self.expand([*families, *polynomials])
-            self._expand_families(families)
-            self._forward(most)
-        self._exchange(most)
+        self.expand([()], groups=True)
+        if len(likely) > 1:
+            self._score([likely])
+        for number in range(_MOST_ROUNDS):
+            # Positions that are off hide each other in what they do to the parameters: no way of single steps need lead there.
+            if number == 1 and self._best_size > 0 and (off := positions_off(self.pool, self.z)[1]):
+                self._score(off)
+            singles, groups = self._beginnings()
+            new = self.expand([*self._reduced(), *groups], groups=True)
+            if not self.expand([*self._beams(), *singles]) and not new:
+                break
         return self.ranked()
 
     def several(self) -> float:
@@ -74,24 +64,29 @@ class Search:
 
         Single causes are tested before; if neither the best pairs nor two families come near, no larger sets are searched.
         """
-        self.expand([()])
+        self.expand([(), *self.pool.together.groups], groups=True)
         self.expand(self._beam(1))
-        promising = self._evaluated.best[0] - PROMISING
-        self._expand_families(self._families, promising)
-        if max(self._evaluated.best[2:]) > promising:
+        if max(self.best[2:]) > self.best[0] - PROMISING:
             self.run()
-        scores = np.concatenate([self._evaluated.of_size(size)[1] for size in range(1, MOST + 1)])
-        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._evaluated.best[0]
+        scores = self._evaluated().log_posterior
+        odds = np.logaddexp.reduce(scores[scores != self.best[0]], initial=-np.inf) - self.best[0]
         return float(odds - np.log1p(-SIZE_PRIOR[0]) + np.log(SIZE_PRIOR[0]))
 
     @property
     def top(self) -> float:
-        """Log posterior of the best set, unnormalised."""
-        return self._evaluated.top
+        """The best score."""
+        return max(self.best)
+
+    @property
+    def _best_size(self) -> int:
+        """The size of the best set."""
+        return int(np.argmax(self.best))
 
     def ranked(self) -> Ranked:
         """The evaluated sets that are not negligible, best first, given the other causes found before."""
-        sets, scores = self._evaluated.no_less_than(self.top - NEGLIGIBLE)
+        sets, scores = self._evaluated()
+        count = int(np.sum(scores >= self.top - NEGLIGIBLE))
+        sets, scores = sets[:count], scores[:count]
         if self.found:
             scores = scores + given_found(SetPriors.of(self.pool, sets).causes, self.found)
         order = (-scores).argsort(kind="stable")
@@ -99,8 +94,7 @@ class Search:
 
     def posterior(self, members: Members) -> float:
         """Log posterior of a set, unnormalised."""
-        score = self._evaluated.score_of(members)
-        return self.posterior_at(members, self.left(members)) if score is None else score
+        return self.posterior_at(members, self.left(members))
 
     def posterior_at(self, members: Members, left: float) -> float:
         """Log posterior of a set, unnormalised, that leaves another sum of squares than the linear one (an exact fit's)."""
@@ -133,161 +127,102 @@ class Search:
             self._bases.update((members, together.only(row)) for row, members in enumerate(new))
         return [self._bases[members] for members in sets]
 
-    @property
-    def _families(self) -> list[Members]:
-        """The effects on all axes: each is one cause, and no way of smaller steps need lead to it."""
-        return [tuple(axes) for axes in np.sort(self.pool.axes, axis=1).tolist()]
-
-    @property
-    def _polynomials(self) -> list[Members]:
-        """The lowest powers of each variable on each output: each is one cause, whatever the variable's reference is."""
-        listed = (
-            own[:orders] for own in self.pool.together.polynomials for orders, _ in OF_ORDERS if orders <= len(own)
-        )
-        return [tuple(sorted(own)) for own in listed]
-
-    @property
-    def _large(self) -> bool:
-        """Whether the best single cause explains much more than noise: what two effects make may look like it."""
-        left = self.left(self._evaluated.leading[1])
-        level = 1.0 if self.known else left / max(1, self.pool.dof - 1)
-        return float(self.z @ self.z) - left > LARGE**2 * level
-
-    @property
-    def _best_named(self) -> float:
-        """The best score of a single cause that has a name: one without, of many coefficients, is better than most sets."""
-        sets, scores = self._evaluated.of_size(1)
-        return float(scores[self.pool.is_named[sets[:, 0]]].max(initial=-np.inf))
-
-    def _forward(self, most: int) -> None:
-        """The best sets of each size with one more candidate; of more members than causes where the best set has as many."""
-        for size in range(1, most):
-            if size >= MOST_CAUSES and self._evaluated.best_size < size:
+    def _beams(self) -> list[Members]:
+        """The best sets of each size; of more members than causes where the best set has as many."""
+        chosen = self._beam(1)
+        for size in range(2, MOST):
+            if self.best[size] < max(self.best[size - 1], self.best[0]) - PROMISING:
                 break
-            before = self._evaluated.best[size]
-            self.expand(self._beam(size))
-            if self._evaluated.best[size + 1] < max(before, self._evaluated.best[0]) - PROMISING:
-                break
+            if size < MOST_CAUSES or self._best_size >= size:
+                chosen += self._beam(size)
+        return chosen
 
     def _beam(self, size: int) -> list[Members]:
         """The best sets of a size; those that are named have seats of their own."""
-        sets, scores = self._evaluated.of_size(size)
-        sets = sets[(-scores).argsort(kind="stable")]
-        named = np.all(self.pool.is_named[sets], axis=1)
-        chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
-        return list(dict.fromkeys(map(tuple, chosen)))
+        sets = self._evaluated().members
+        rows = sets[(sets[:, size - 1] >= 0) & (sets[:, size] < 0)]
+        named = np.all(self.pool.is_named[rows[:, :size]], axis=1)
+        return sets_of(np.concatenate([rows[named][: 2 * WIDTH // 3], rows[: WIDTH // 3]]))
 
-    def _exchange(self, most: int) -> None:
-        """Backward steps and exchanges: every member of the best set of each size is dropped, the rest scored, and all
-        replacements tried, until no new set is found."""
-        for _ in range(_MOST_EXCHANGES):
-            smaller: set[Members] = set()
-            for size in range(1, most + 1):
-                if self._evaluated.best[size] > max(self.top - NEGLIGIBLE, self._evaluated.best[0]):
-                    best = self._evaluated.leading[size]
-                    smaller |= {best[:k] + best[k + 1 :] for k in range(size)}
-            if most == MOST:
-                self._exchange_for_families(self._evaluated.leading[self._evaluated.best_size])
-            todo = sorted(smaller - self._expanded)
-            if not todo:
-                return
-            self.expand(todo)
+    def _reduced(self) -> list[Members]:
+        """The best set of each size without each member, and without each group: all replacements of these are tried then."""
+        smaller = list[Members]()
+        for size in range(1, MOST + 1):
+            if self.best[size] > max(self.top - NEGLIGIBLE, self.best[0]):
+                best = self.leading[size]
+                smaller += [best[:k] + best[k + 1 :] for k in range(size)]
+                groups = (own for own in self.pool.together.groups if {*own} <= {*best})
+                smaller += [tuple(k for k in best if k not in own) for own in groups]
+        return smaller
 
-    def _exchange_for_families(self, best: Members) -> None:
-        """The best set with an effect on all axes, or a polynomial, in place of each member with a time constant, or without a
-        name: a long warm-up is a drift, many coefficients may be one on every axis, and no exchange of single effects leads
-        there. Nor does one lead from an order of the temperature on all axes to another."""
-        flexible = [k for k in best if self.pool.slots[k].shape or not self.pool.is_named[k]]
-        several = [*self._families, *self._polynomials]
-        sets = {tuple(sorted({*best} - {k} | {*own})) for k in flexible for own in several}
-        slots = self.pool.slots
-        parameters = {own: [slots[k].parameter_over_temperature for k in own] for own in self._families}
-        for own, other in permutations(self._families, 2):
-            if {*own} <= {*best} and all(parameters[own]) and parameters[own] == parameters[other]:
-                sets.add(tuple(sorted({*best} - {*own} | {*other})))
-        sets = {members for members in sets if len(best) <= len(members) <= MOST} - self._exchanged
-        if sets:
-            self._exchanged |= sets
-            self._score(partial_sets(self.pool, self.z, sorted(sets)))
+    def _beginnings(self) -> tuple[list[Members], list[Members]]:
+        """Every effect, and every group, where several causes are or one explains much more than noise: one strong mixture of
+        two effects hides both."""
+        left = self.left(self.leading[1])
+        level = 1.0 if self.known else left / max(1, self.pool.dof - 1)
+        large = float(self.z @ self.z) - left > LARGE**2 * level
+        several = self._best_size > 1
+        singles = [(k,) for k in self.pool.effects.tolist()] if several or large else []
+        return singles, self.pool.together.groups if several else []
 
-    def expand(self, sets: Sequence[Members]) -> None:
-        """Score sets with every further candidate."""
-        todo = [members for members in sets if members not in self._expanded and len(members) < MOST]
+    def expand(self, sets: Iterable[Members], *, groups: bool = False) -> bool:
+        """Score sets with every further candidate, and every group if asked for; whether any of them is new."""
+        todo = [members for members in dict.fromkeys(sets) if members not in self._expanded and len(members) < MOST]
         self._expanded.update(todo)
-        if not self.pool.size:
-            # These positions can show no cause.
-            self._score(partial_sets(self.pool, self.z, todo))
-            return
-        step = 1 + _NUMBERS_AT_ONCE // (MOST * self.pool.size)
-        for first in range(0, len(todo), step):
-            bases = partial_sets(self.pool, self.z, todo[first : first + step])
-            self._keep(self._score(bases), Enlarged(self.pool, self.known, bases))
+        step = 1 + _NUMBERS_AT_ONCE // (MOST * max(self.pool.size, 1))
+        for size in sorted({len(members) for members in todo}):
+            own = [members for members in todo if len(members) == size]
+            for first in range(0, len(own), step):
+                self._expand(own[first : first + step], groups)
+        return bool(todo)
 
-    def _keep(self, bases: SetPriors, enlarged: Enlarged) -> None:
-        """Add the better ones of sets with one candidate more to those kept: those that are not negligible, and so many in any
-        case that the next beam does not shrink where one set is far ahead."""
-        sets, there, named = bases.sets, bases.there, self.pool.is_named
-        sizes, priors = 1 + there.sum(axis=1), bases.with_each()
-        priors[there.nonzero()[0], sets[there]] = -np.inf
-        all_named = np.all(named[sets] | ~there, axis=1)[:, None] & named
-        beside = max(self._evaluated.best[size] for size in set(sizes.tolist()))
-        scores = enlarged.evidence + priors
-        least = self._least(np.where(enlarged.open, -np.inf, scores), all_named, beside)
-        enlarged.settle(scores >= least)
-        scores = np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
-        rows, added = ((scores >= least) & (scores > -np.inf)).nonzero()
-        scores = scores[rows, added]
-        kept = scores >= self._least(scores, all_named[rows, added], beside)
-        together = sets[rows[kept]]
-        together[np.arange(len(together)), sizes[rows[kept]] - 1] = added[kept]
-        self._evaluated.add(together, scores[kept])
+    def _expand(self, sets: list[Members], groups: bool) -> None:
+        """Score sets of one size, and with each further candidate: the better ones are kept."""
+        priors, bases = self._score(sets)
+        evidence = with_each(self.pool, self.known, bases, groups=groups)
+        scores = evidence[:, : self.pool.size] + priors.with_each()
+        larger, of_groups = priors.with_groups() if groups else (priors.sets[:0], np.zeros(0))
+        of_groups = (evidence[:, self.pool.size :] + of_groups).ravel()
+        # Not negligible; and so many in any case, of those that are named too, that the next beam does not shrink where one set
+        # is far ahead.
+        top = max(self.top, scores.max(initial=-np.inf), of_groups.max(initial=-np.inf))
+        named = np.all(self.pool.is_named[priors.sets] | (priors.sets < 0), axis=1)[:, None] & self.pool.is_named
+        least = min(top - NEGLIGIBLE, _seat(scores))
+        row, added = np.nonzero(scores >= np.where(named, min(least, _seat(scores[named])), least))
+        rows, values = priors.sets[row], scores[row, added]
+        rows[:, len(sets[0])] = added
+        kept = of_groups >= min(least, _seat(of_groups))
+        rows, values = np.concatenate([rows, larger[kept]]), np.append(values, of_groups[kept])
+        self._add(rows[values > -np.inf], values[values > -np.inf])
 
-    def _least(
-        self, scores: Float[np.ndarray, "*sets"], named: Bool[np.ndarray, "*sets"], beside: float
-    ) -> Float[np.ndarray, "*sets"]:
-        """The score that each set must have to be kept, by those that are known; `beside`: the best of its size before."""
-        best, seat = float(scores.max(initial=-np.inf)), _seat(scores)
-        # Named sets have the same quota among themselves, for those not negligible relative to others of their size.
-        own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
-        return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
+    def _score(self, sets: Sequence[Members]) -> tuple[SetPriors, PartialSets]:
+        """Score the sets themselves."""
+        bases, priors = partial_sets(self.pool, self.z, sets), SetPriors.of(self.pool, rows_of(sets))
+        self._add(priors.sets, bases.log_evidence(self.pool.dof, self.known) + priors.own)
+        return priors, bases
 
-    def _expand_families(self, families: list[Members], least: float = -np.inf) -> None:
-        """The best sets of two families, of three where two beat any single named cause, and each with one candidate more.
+    def _add(self, rows: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
+        """Add scored sets, rows of numbers and -1."""
+        rows = np.sort(rows.view(np.uint64), axis=1).view(np.int64)
+        sizes = (rows >= 0).sum(axis=1)
+        for size in set(sizes.tolist()) - {0}:
+            own = np.flatnonzero(sizes == size)
+            best = own[scores[own].argmax()]
+            if scores[best] > self.best[size]:
+                self.best[size], self.leading[size] = float(scores[best]), tuple(rows[best, :size].tolist())
+        self._kept.append(Ranked(rows[sizes > 0], scores[sizes > 0]))
 
-        What drifts, or follows the temperature, seldom does so in one way and on one axis; by smaller steps other causes
-        seem to explain it better. `least`: a score that the best of two must have.
-        """
-        before = families
-        for size in range(2 * len(AXES), MOST, len(AXES)):
-            sets = {tuple(sorted(own + other)) for own in before for other in families if not set(own) & set(other)}
-            hopeful = self._may_score(sorted(sets), least)
-            if not hopeful:
-                return
-            self._score(partial_sets(self.pool, self.z, hopeful))
-            if self._evaluated.best[size] < least:
-                return
-            before = self._beam(size)
-            self.expand(before)
-            if self._evaluated.best[size] < self._best_named:
-                return
-
-    def _may_score(self, sets: list[Members], least: float) -> list[Members]:
-        """Sets of effects, of those given, whose score may be as high as `least`."""
-        if least == -np.inf or not sets:
-            return sets
-        rows, total = rows_of(sets), float(self.z @ self.z)
-        left, ranks = least_left(self.pool, self.z, rows)
-        # Directions that do not count take nothing from the noise.
-        free, shortfalls = np.full(len(sets), self.pool.dof), np.where(ranks > 0, highest_shortfall(1), 0.0).sum(axis=1)
-        most = log_evidence_at_most(left, np.array(total), shortfalls, free, self.pool.dof, self.known)
-        may = most + SetPriors.of(self.pool, rows).own >= least
-        return [members for members, here in zip(sets, may.tolist(), strict=True) if here]
-
-    def _score(self, bases: PartialSets) -> SetPriors:
-        """Score the sets themselves: their priors."""
-        priors = SetPriors.of(self.pool, rows_of(bases.members))
-        self._evaluated.add(priors.sets, bases.log_evidence(self.pool.dof, self.known) + priors.own)
-        return priors
+    def _evaluated(self) -> Ranked:
+        """All sets that are kept, each once, the best first."""
+        if len(self._kept) > 1:
+            sets, scores = (np.concatenate(own) for own in zip(*self._kept, strict=True))
+            # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
+            keys = keys_of(sets)
+            order = np.lexsort((-scores, keys))
+            first = order[np.diff(keys[order], prepend=~keys[order[:1]]) != 0]
+            first = first[np.argsort(-scores[first], kind="stable")]
+            self._kept = [Ranked(sets[first], scores[first])]
+        return self._kept[0]
 
 
 def _seat(scores: Float[np.ndarray, "*sets"]) -> float:

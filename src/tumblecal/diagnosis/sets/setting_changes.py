@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool
 
-from tumblecal.diagnosis.causes.jumps import JUMPS
+from tumblecal.diagnosis.causes.terms import JUMPS
 from tumblecal.diagnosis.sets.exchanges import membership
 from tumblecal.full_model.tangent import Tangent
 from tumblecal.ground.showing import brief

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes.cause import EFFECT, Cause
-from tumblecal.diagnosis.causes.generic import GENERIC
+from tumblecal.diagnosis.causes.cause import EFFECT, GENERIC, Cause
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.priors import (
     BATCH_WEIGHT,
@@ -134,7 +133,7 @@ def hypothesis(
             reduced = reduced.eliminated(effect.signal.columns, axes / information @ axes.T)
     pool, signals, z = _pool(reduced, batch)
     search = Search(pool, z, True)
-    ranked = search.run() if len(pool.causes) else search.ranked()
+    ranked = search.run() if pool.size else search.ranked()
     log_evidence += 0.5 * float(z @ z)
     return Hypothesis(
         batch, tuple(unit_causes), random_effects, equations, total, signals, log_evidence, search, ranked

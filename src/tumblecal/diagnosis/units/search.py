@@ -183,7 +183,7 @@ def _posterior(tried: Sequence[Hypothesis]) -> JointPosterior:
     of_sensors = (one for one in tried if not any(effect.signal.of_head for effect in one.random_effects))
     null = max(of_sensors, key=lambda one: one.without)
     pool = null.search.pool
-    if not pool.causes:
+    if not pool.size:
         # Without a head nothing can be shared.
         return JointPosterior(listed, -np.inf, np.inf, 1.0, 0)
     log_odds = float(np.logaddexp.reduce(scores[with_error], initial=-np.inf)) - null.without

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain.head_file import pitch_names
-from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
-from tumblecal.diagnosis.causes.generic import GENERIC, HEAD_ANGLES, UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import GENERIC, NO_SLOT, UNEXPLAINED, Cause
 from tumblecal.diagnosis.causes.pool import Pool, pooled
+from tumblecal.diagnosis.causes.terms import HEAD_ANGLES
 from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.priors import SAME_RESIDUAL, UNIT_SEARCHED
 from tumblecal.diagnosis.refine.insert import fit_with

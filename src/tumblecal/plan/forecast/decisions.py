@@ -19,8 +19,7 @@ from tumblecal.diagnosis.priors import (
     SURE,
 )
 from tumblecal.diagnosis.sets.cause_sets import Members, rows_of
-from tumblecal.diagnosis.sets.enlarged import Enlarged
-from tumblecal.diagnosis.sets.partial_set import PartialSets
+from tumblecal.diagnosis.sets.partial_set import PartialSets, with_each
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.full_model.evidence import log_evidence_of_noise
 from tumblecal.full_model.priors import SIZE_PRIOR
@@ -91,7 +90,7 @@ def _sum(*parts: Float[np.ndarray, "draws sets"]) -> Float[np.ndarray, " draws"]
 def _with_each(
     of: EffectsOfPlan, members: Members, z: Float[np.ndarray, "draws nu"]
 ) -> Float[np.ndarray, "draws causes"]:
-    """Log posterior of a set with each further cause, for every vector; bounds of what is negligible."""
+    """Log posterior of a set with each further cause, for every vector."""
     pool, count = of.pool, len(z)
     blocks = np.concatenate([np.zeros((0, pool.dof)), *(of.block(k).T for k in members)])
     bases = PartialSets(
@@ -101,11 +100,7 @@ def _with_each(
         (0, *([len(blocks)] if members else [])),
         np.full((count, len(members)), len(blocks)),
     )
-    enlarged, priors = Enlarged(pool, True, bases), SetPriors.of(pool, rows_of([members])).with_each()
-    priors[:, list(members)] = -np.inf
-    scores = enlarged.evidence + priors
-    enlarged.settle(scores >= scores.max(axis=1, keepdims=True) - NEGLIGIBLE / 2)
-    return np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
+    return with_each(pool, True, bases) + SetPriors.of(pool, rows_of([members])).with_each()
 
 
 def _alternatives(

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import UNEXPLAINED, Cause
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels
