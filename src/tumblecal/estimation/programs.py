@@ -54,7 +54,10 @@ def cached_program(function: Callable[..., Any], *about: Any, optimised: bool = 
     - `optimised`: compiled to run for longer than the compilation takes.
     """
     leaves, structure = jax.tree.flatten(about)
-    values = tuple((np.shape(leaf), np.asarray(leaf).tobytes()) for leaf in leaves)
+    arrays = [np.asarray(leaf) for leaf in leaves]
+    if any(array.dtype == object for array in arrays):
+        raise TypeError("a program is about chains, arrays and plain values")
+    values = tuple((array.shape, array.tobytes()) for array in arrays)
     return _program(_Source(function.__code__, structure, values, function), optimised)
 
 
