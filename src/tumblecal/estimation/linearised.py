@@ -54,7 +54,8 @@ def _linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array,
 
 def point_at(problem: Problem, vector: Float[np.ndarray, " free"], steps: int = 0) -> Point:
     """The problem linearised at a vector, as numpy arrays."""
-    return Point(vector, *map(np.asarray, linearised(problem, vector)), steps)
+    rows, jacobian = map(np.asarray, linearised(problem, vector))
+    return Point(vector, rows, jacobian, steps)
 
 
 def descended(problem: Problem, start: Point, *, damped: bool = False) -> Point:

@@ -170,6 +170,6 @@ def _beyond(rows: Sequence[_Row]) -> tuple[Implausible, ...]:
     for name, base, value, sd, usual, why, prior in rows:
         if abs(value - (prior[0] if prior else 0.0)) - _SURE_SD * sd > usual:
             unit, scale = ("deg", math.degrees(1.0)) if base == "rad" and not prior else shown(base)
-            stated = [part * scale for part in prior or ()]
-            listed.append(Implausible(name, value * scale, sd * scale, usual * scale, unit, why, *stated))
+            mean, prior_sd = (part * scale for part in prior) if prior else (None, None)
+            listed.append(Implausible(name, value * scale, sd * scale, usual * scale, unit, why, mean, prior_sd))
     return tuple(sorted(listed, key=lambda entry: -entry.times))

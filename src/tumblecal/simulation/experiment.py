@@ -88,12 +88,12 @@ class Experiment(eqx.Module):
             return draws(self.draw_noise, jax.random.fold_in(key, 2), BLOCK)
         if not self.problem.known:
             raise InputError("the noise is unknown: give a sampler, or a problem with a stated noise")
-        white = jax.random.normal(key, (*self.readings.shape, BLOCK))
-        if self.factor.shape == self.readings.shape:
-            return self.factor[:, :, None] * white
-        if self.factor.ndim == 3:
-            return jnp.einsum("apq,qal->pal", self.factor, white)
-        return (self.factor @ white.reshape(-1, BLOCK)).reshape(white.shape)
+        white, factor = jax.random.normal(key, (*self.readings.shape, BLOCK)), jnp.asarray(self.factor)
+        if factor.shape == self.readings.shape:
+            return factor[:, :, None] * white
+        if factor.ndim == 3:
+            return jnp.einsum("apq,qal->pal", factor, white)
+        return (factor @ white.reshape(-1, BLOCK)).reshape(white.shape)
 
     def trials(self, seed: int | Array, block: int | Int[Array, ""]) -> Trials:
         """Trials `block * BLOCK` to `(block + 1) * BLOCK - 1`; pure, to be compiled."""
