@@ -9,10 +9,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from tumblecal.chain import Chain, Where
-from tumblecal.chain.frames import Vector
 from tumblecal.estimation.programs import cached_program
 from tumblecal.ground.showing import brief
 
@@ -40,28 +39,28 @@ class Programs:
     chain: Chain
     back: np.ndarray
     nominal: Chain
-    by_position: bool
-    quiet: bool
+    by_position: bool = True
+    quiet: bool = True
 
     @cached_property
     def predict(self) -> Callable[..., Any]:
         """Readings (positions, 3), g."""
-        return _predicting(self.chain, self.back)
+        return _forward(self.chain, self.back, 0)
 
     @cached_property
     def predict_nominal(self) -> Callable[..., Any]:
         """The same where no effect is in the vector."""
-        return _predicting(self.nominal, np.arange(len(self.nominal.names))) if self.quiet else self.predict
+        return _forward(self.nominal, np.arange(len(self.nominal.names)), 0) if self.quiet else self.predict
 
     @cached_property
     def evaluate(self) -> Callable[..., Any]:
         """Readings, Jacobian and inputs."""
-        return _by_position(self.chain, self.back) if self.by_position else _all_at_once(self.chain, self.back)
+        return (_by_position if self.by_position else _all_at_once)(self.chain, self.back)
 
     @cached_property
     def inputs(self) -> Callable[..., Any]:
         """Ideal inputs (positions, 3), g."""
-        return _entering(self.chain, self.back)
+        return _forward(self.chain, self.back, 1)
 
     def __getstate__(self) -> dict[str, Any]:
         # Programs are compiled again in another process.
@@ -92,7 +91,7 @@ def programs_of(
     """
     if like is not None and {*map(type, chain.links)} <= {*map(type, like.chain.links)}:
         return Programs(chain, back, nominal, like.by_position, like.quiet)
-    programs = Programs(chain, back, nominal, True, True)
+    programs = Programs(chain, back, nominal)
     alone, whole = (np.asarray(run(where, start_vector)) for run in (programs.predict_nominal, programs.predict))
     direction, step = np.cos(np.arange(len(scales))), 1e-5
     # Not at the start, where inputs of exactly zero lie on the jump of a sign.
@@ -100,64 +99,48 @@ def programs_of(
     plus, minus = (np.asarray(programs.predict(where, base + sign * step * scales * direction)) for sign in (1, -1))
     slope = np.asarray(programs.evaluate(where, base, scales)[1]) @ direction
     error = np.max(np.abs(slope - (plus - minus) / (2 * step)))
-    by_position, quiet = error < 1e-6 * np.max(np.abs(slope)), np.max(np.abs(alone - whole)) < 1e-12
+    by_position, quiet = bool(error < 1e-6 * np.max(np.abs(slope))), bool(np.max(np.abs(alone - whole)) < 1e-12)
     # The programs used for the check, which are compiled, if they are exact.
-    return programs if by_position and quiet else Programs(chain, back, nominal, bool(by_position), bool(quiet))
+    return programs if by_position and quiet else Programs(chain, back, nominal, by_position, quiet)
 
 
-def _run(chain: Chain, where: Where) -> tuple[Vector, jax.Array]:
-    """Readings by axis, and the ideal inputs (positions, 3)."""
+def _run(chain: Chain, where: Where) -> tuple[Array, Array]:
+    """Readings and ideal inputs (positions, 3)."""
     state = chain.state(where)
-    return state.reading, jnp.stack(state.f, axis=-1)
+    return jnp.stack(state.reading, axis=-1), jnp.stack(state.f, axis=-1)
 
 
-def _with(chain: Chain, values: list[jax.Array]) -> Chain:
-    """The chain with these values of its free leaves."""
-    return eqx.tree_at(lambda tree: [leaf.value for leaf in tree.free], chain, values)
+def _forward(chain: Chain, back: np.ndarray, part: int) -> Callable[..., Any]:
+    """The readings, or the inputs, at a full vector, in which `back` are the indices of the chain's entries."""
+    return cached_program(lambda where, vector: _run(chain.at(vector[back]), where)[part], chain, back, part)
 
 
-def _predicting(chain: Chain, back: np.ndarray) -> Callable:
-    """The readings at a full vector, in which `back` are the indices of the chain's entries."""
-
-    def program(where, vector):
-        return jnp.stack(_run(chain.at(vector[back]), where)[0], axis=-1)
-
-    return cached_program(program, chain, back)
-
-
-def _entering(chain: Chain, back: np.ndarray) -> Callable:
-    """The inputs at a full vector."""
-    return cached_program(lambda where, vector: _run(chain.at(vector[back]), where)[1], chain, back)
-
-
-def _by_position(chain: Chain, back: np.ndarray) -> Callable:
+def _by_position(chain: Chain, back: np.ndarray) -> Callable[..., Any]:
     """Readings, Jacobian (positions, 3, full) and inputs by three backward passes: each position has a copy of the
     parameters, so that one pass gives one row for each position."""
 
     @jax.jit  # traced once for both programs
     def forward(where, vector):
-        count = where.alpha.shape[0]
-        placed = chain.at(jnp.broadcast_to(vector[back][:, None], (vector.shape[0], count)))
+        placed = chain.at(jnp.broadcast_to(vector[back][:, None], (vector.shape[0], where.alpha.shape[0])))
+
         # Differentiate by the values of each leaf, not by the vector: this avoids sums of arrays as long as the vector.
-        leaves = [leaf.value for leaf in placed.free]
-        reading, backward, inputs = jax.vjp(lambda values: _run(_with(placed, values), where), leaves, has_aux=True)
-        return jnp.stack(reading, axis=-1), backward, inputs
+        def run(values):
+            return _run(eqx.tree_at(lambda tree: [leaf.value for leaf in tree.free], placed, values), where)
+
+        return jax.vjp(run, [leaf.value for leaf in placed.free], has_aux=True)
 
     def arrays(where, vector):
         reading, backward, inputs = forward(where, vector)
         # One array: passing hundreds of arrays takes longer than the computation.
-        saved = [jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(backward)]
-        return reading, jnp.concatenate(saved), inputs
+        return reading, jnp.concatenate([leaf.ravel().astype(float) for leaf in jax.tree.leaves(backward)]), inputs
 
-    def rows(saved, where, vector, scales, inputs):
-        # Restore the structure of the saved values, which a program from disk does not include.
+    def rows(saved, where, vector, scales):
         leaves, structure = jax.tree.flatten(jax.eval_shape(forward, where, vector)[1])
         parts = jnp.split(saved, np.cumsum([leaf.size for leaf in leaves])[:-1])
         restored = [part.reshape(leaf.shape).astype(leaf.dtype) for part, leaf in zip(parts, leaves, strict=True)]
-        backward = jax.tree.unflatten(structure, restored)
-        count = inputs.shape[0]
-        each = jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, count))
-        (by_leaf,) = jax.vmap(backward)(tuple(each[:, axis] for axis in range(3)))
+        count = where.alpha.shape[0]
+        each = jnp.broadcast_to(jnp.eye(3)[:, None], (3, count, 3))
+        (by_leaf,) = jax.vmap(jax.tree.unflatten(structure, restored))(each)
         by_entry = jnp.concatenate([rows.reshape(3, -1, count) for rows in by_leaf], axis=1)
         return jnp.moveaxis(by_entry[:, np.argsort(back)], 2, 0) * scales[None, None, :]
 
@@ -166,18 +149,18 @@ def _by_position(chain: Chain, back: np.ndarray) -> Callable:
 
     def evaluate(where, vector, scales):
         reading, saved, inputs = first(where, vector)
-        return reading, second(saved, where, vector, scales, inputs), inputs
+        return reading, second(saved, where, vector, scales), inputs
 
     return evaluate
 
 
-def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
+def _all_at_once(chain: Chain, back: np.ndarray) -> Callable[..., Any]:
     """The same by forward differentiation, for links that mix positions."""
 
     def program(where, vector, scales):
         def run(scaled):
             reading, inputs = _run(chain.at((scaled * scales)[back]), where)
-            return jnp.stack(reading, axis=-1), (jnp.stack(reading, axis=-1), inputs)
+            return reading, (reading, inputs)
 
         jacobian, (reading, inputs) = jax.jacfwd(run, has_aux=True)(vector / scales)
         return reading, jacobian, inputs

@@ -1,6 +1,5 @@
-"""Exact fit: Gauss-Newton through optimistix on scaled parameters, checked afterwards on the clean Jacobian."""
+"""Exact fit: Gauss-Newton on scaled parameters, judged by the size of one more step."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,18 +13,26 @@ from tumblecal.chain import Chain
 from tumblecal.estimation import closed_form
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
-from tumblecal.estimation.linearised import identifiability_of, linearised, require_full_rank, scaled_residual
+from tumblecal.estimation.linearised import (
+    MOST_STEPS,
+    TOLERANCE,
+    Point,
+    descended,
+    identifiability_of,
+    point_at,
+    require_full_rank,
+    scaled_residual,
+)
 from tumblecal.estimation.problem import Problem, require_problem
 from tumblecal.estimation.programs import cached_program
-from tumblecal.estimation.robust import Loss, fit_robust, minimised
 
 
 if TYPE_CHECKING:
     from optimistix import AbstractLeastSquaresSolver, AbstractMinimiser
 
+    from tumblecal.estimation.robust import Loss
 
-TOLERANCE = 1e-10  # of the scaled parameters and of the sum of squares, relative and absolute
-MOST_STEPS = 64
+
 # Converged if one more Gauss-Newton step would change no parameter by more than this share of its sd; the second is for the
 # fallback, which stops when the sum of squares hardly changes.
 STEP_IN_SD, FALLBACK_STEP_IN_SD = 1e-6, 1e-4
@@ -33,44 +40,27 @@ STEP_IN_SD, FALLBACK_STEP_IN_SD = 1e-6, 1e-4
 _FACTORS = (0.3, 3.0, 10.0, 30.0)
 
 
-def solve(
-    problem: Problem, start: Float[Array | np.ndarray, " free"], *, damped: bool = False
-) -> tuple[Array, Array, Array]:
+def solve(problem: Problem, start: Float[Array | np.ndarray, " free"]) -> tuple[Array, Array, Array]:
     """The least-squares estimate as a pure function; differentiable in all of `problem` (implicit differentiation).
 
     **Arguments:**
 
     - `problem`, `start`: the problem and the start vector.
-    - `damped`: Levenberg-Marquardt instead of Gauss-Newton.
 
     **Returns:** vector, whether the solver reports convergence, number of steps.
     """
     import optimistix as optx
 
     scales = jnp.asarray(problem.scales)
-    solver = optx.LevenbergMarquardt if damped else optx.GaussNewton
     solution = optx.least_squares(
         lambda scaled, here: scaled_residual(here, scaled),
-        solver(TOLERANCE, TOLERANCE),
+        optx.GaussNewton(TOLERANCE, TOLERANCE),
         start / scales,
         args=problem.bare,
         throw=False,
-        max_steps=MOST_STEPS * (8 if damped else 1),
+        max_steps=MOST_STEPS,
     )
     return jnp.asarray(solution.value) * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
-
-
-@cached_program
-def _gauss_newton(problem: Problem, start: Array):
-    """The fit, and the linearisation at start and end, as one program."""
-    vector, _, steps = solve(problem, start)
-    return vector, steps, linearised(problem, vector), linearised(problem, start)
-
-
-@cached_program
-def _levenberg_marquardt(problem: Problem, start: Array):
-    vector, _, steps = solve(problem, start, damped=True)
-    return vector, steps, linearised(problem, vector)
 
 
 def fit(
@@ -78,7 +68,7 @@ def fit(
     start: Float[np.ndarray, " free"] | None = None,
     *,
     solver: "AbstractLeastSquaresSolver[Any, Any, Any, Any] | AbstractMinimiser[Any, Any, Any] | None" = None,
-    loss: Loss | None = None,
+    loss: "Loss | None" = None,
 ) -> Fit:
     """Fit the chain to the data.
 
@@ -110,44 +100,33 @@ def fit(
         (True, 'exact, Huber loss (1.345)')
     """
     require_problem(problem, "fit")
-    if loss is not None and not isinstance(loss, Loss):
-        raise TypeError(f"loss {loss!r}: give a Loss of estimation.robust, such as huber()")
     if isinstance(problem.readings, Tracer):
         raise TypeError("fit checks numbers, so JAX cannot trace it: use exact.solve in a traced function, or fit_many")
-    if loss is not None:
-        return fit_robust(problem, loss, start, solver)
-    if solver is not None:
-        return _fit_by(problem, solver, start)
     starts = _starts(problem.chain) if start is None else [np.asarray(start, float)]
-    start = starts[0]
-    *outcome, at_start = _gauss_newton(problem.bare, start)
-    residual, design = (np.asarray(part) for part in at_start)
-    require_full_rank(problem, design)
-    code, checked = _judged(outcome, residual, Code.CONVERGED)
+    bare = problem.bare
+    first = point_at(bare, starts[0])
+    require_full_rank(problem, first.jacobian)
+    if solver is not None or loss is not None:
+        from tumblecal.estimation.robust import fit_robust, minimised
+
+        if loss is not None:
+            return fit_robust(problem, loss, starts[0], solver)
+        code, point = _judged(point_at(bare, *minimised(bare, solver, starts[0])), first, Code.CONVERGED_BY_FALLBACK)
+        return fitted(problem, Code.CONVERGED if code.good else code, point)
+    code, point = _judged(descended(bare, first), first, Code.CONVERGED)
+    begin = first
     for other in starts[1:]:
-        *outcome, _ = _gauss_newton(problem.bare, other)
-        its_code, its_checked = _judged(outcome, residual, Code.CONVERGED)
-        if (not its_code.good, _size(its_checked)) < (not code.good, _size(checked)):
-            code, checked, start = its_code, its_checked, other
+        here = point_at(bare, other)
+        its_code, its_point = _judged(descended(bare, here), first, Code.CONVERGED)
+        if (not its_code.good, _size(its_point)) < (not code.good, _size(point)):
+            code, point, begin = its_code, its_point, here
     if not code.good:
-        code, checked = _judged(_levenberg_marquardt(problem.bare, start), residual, Code.CONVERGED_BY_FALLBACK)
-    if not code.good and np.all(np.isfinite(residual)) and problem.data and closed_form.applies(problem.chain):
-        *outcome, _ = _gauss_newton(problem.bare, closed_form.estimate(problem.measured_data))
-        code, checked = _judged(outcome, residual, Code.CONVERGED_FROM_CLOSED_FORM)
-    if code is Code.NON_FINITE:  # no estimate there: report the start
-        checked = (start, residual, design, 0)
-    return _fitted(problem, code, *checked)
-
-
-def _fit_by(problem: Problem, solver: Any, start: Float[np.ndarray, " free"] | None) -> Fit:
-    """The fit by a given solver; `code` states whether one more Gauss-Newton step would move the estimate."""
-    start = problem.chain.vector if start is None else np.asarray(start, float)
-    residual, design = map(np.asarray, linearised(problem, start))
-    require_full_rank(problem, design)
-    vector, steps = minimised(problem.bare, solver, start)
-    checked = np.asarray(vector), steps, linearised(problem, vector)
-    code, judged = _judged(checked, residual, Code.CONVERGED_BY_FALLBACK)
-    return _fitted(problem, Code.CONVERGED if code.good else code, *judged)
+        code, point = _judged(descended(bare, begin, damped=True), first, Code.CONVERGED_BY_FALLBACK)
+    if not code.good and np.all(np.isfinite(first.rows)) and problem.data and closed_form.applies(problem.chain):
+        here = point_at(bare, closed_form.estimate(problem.measured_data))
+        code, point = _judged(descended(bare, here), first, Code.CONVERGED_FROM_CLOSED_FORM)
+    # No estimate where residuals are not finite: report the start.
+    return fitted(problem, code, first._replace(vector=begin.vector) if code is Code.NON_FINITE else point)
 
 
 def _starts(chain: Chain) -> list[Float[np.ndarray, " free"]]:
@@ -164,71 +143,76 @@ def _starts(chain: Chain) -> list[Float[np.ndarray, " free"]]:
     ]
 
 
-_Checked = tuple[np.ndarray, np.ndarray, np.ndarray, int]
-
-
-def _size(checked: _Checked) -> float:
+def _size(point: Point) -> float:
     """Norm of the weighted residuals; infinite if one is not finite."""
     with np.errstate(over="ignore"):
-        size = float(np.linalg.norm(checked[1]))
+        size = float(np.linalg.norm(point.rows))
     return size if np.isfinite(size) else np.inf
 
 
-def _judged(outcome: Sequence, at_start: np.ndarray, good: Code) -> tuple[Code, _Checked]:
+def _judged(point: Point, start: Point, good: Code) -> tuple[Code, Point]:
     """Judge convergence by the size of one more step, not by the solver's report.
 
     A fit worse than its start, or at a point where the design has lost rank, has diverged: its step is small only because the
     standard deviations are huge.
     """
-    vector, residual, jacobian = (np.asarray(part) for part in (outcome[0], *outcome[2]))
-    checked = (vector, residual, jacobian, int(outcome[1]))
-    if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian)) and np.all(np.isfinite(vector))):
-        return Code.NON_FINITE, checked
+    if not point.finite:
+        return Code.NON_FINITE, point
+    rows, jacobian = point.rows, point.jacobian
     _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
     lost_rank = bool(np.any(singular <= RANK_TOLERANCE * np.max(singular, initial=0.0)))
-    if lost_rank or np.linalg.norm(residual) > 2 * np.linalg.norm(at_start) + TOLERANCE:
-        return Code.NOT_CONVERGED, checked
-    step = np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+    if lost_rank or np.linalg.norm(rows) > 2 * np.linalg.norm(start.rows) + TOLERANCE:
+        return Code.NOT_CONVERGED, point
+    step = np.linalg.lstsq(jacobian, rows, rcond=None)[0]
     spread = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-300)) ** 2, axis=1))
-    dof = max(len(residual) - len(step), 1)
-    noise = np.sqrt(residual @ residual / dof)
+    noise = np.sqrt(rows @ rows / max(len(rows) - len(step), 1))
     share = FALLBACK_STEP_IN_SD if good is Code.CONVERGED_BY_FALLBACK else STEP_IN_SD
     moves = np.max(np.abs(step) / (share * spread * noise + TOLERANCE), initial=0.0)
-    return (good if moves <= 1.0 else Code.NOT_CONVERGED), checked
+    return (good if moves <= 1.0 else Code.NOT_CONVERGED), point
 
 
-def _fitted(
-    problem: Problem, code: Code, vector: np.ndarray, rows: np.ndarray, jacobian: np.ndarray, steps: int
+def fitted(
+    problem: Problem,
+    code: Code,
+    point: Point,
+    covariance: Float[np.ndarray, "free free"] | None = None,
+    **others: Any,
 ) -> Fit:
-    """The fit with the covariance from the Jacobian itself, without damping or solver scaling."""
-    names, scales = problem.chain.names, problem.scales
-    count = problem.readings.size
-    dof = 3 * int(np.sum(problem.takes_part)) + problem.priors - len(names)
+    """The fit at a point.
+
+    **Arguments:**
+
+    - `covariance`: of the scaled parameters; from the Jacobian itself if omitted, without damping or solver scaling.
+    - `others`: of `Fit`, in place of those of an exact fit.
+    """
+    rows, jacobian, scales = point.rows, point.jacobian, problem.scales
+    dof = 3 * int(np.sum(problem.takes_part)) + problem.priors - len(scales)
     with np.errstate(over="ignore", invalid="ignore"):
         chi2 = float(rows @ rows)
-    # `(J'J)^-1` by SVD of J: forming J'J would lose half of the digits.
-    _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
-    inverse = (right.T / singular**2) @ right
-    if not problem.known:
-        inverse = inverse * (chi2 / dof if dof > 0 else np.nan)
-    residuals = -problem.unwhitened(rows[:count])
+    if covariance is None:
+        # `(J'J)^-1` by SVD of J: forming J'J would lose half of the digits.
+        _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+        covariance = (right.T / singular**2) @ right
+        if not problem.known:
+            covariance = covariance * (chi2 / dof if dof > 0 else np.nan)
+    residuals = -problem.unwhitened(rows[: problem.readings.size])
     if problem.retained is not None:
-        residuals = np.asarray(problem.readings - problem.predicted(jnp.asarray(vector)))
+        residuals = np.asarray(problem.readings - problem.predicted(jnp.asarray(point.vector)))
+    of_exact = {"method": "exact", "statistics": {"steps": float(point.steps)}}
     return Fit(
-        method="exact",
+        **of_exact | others,
         problem=problem,
-        names=names,
+        names=problem.chain.names,
         units=problem.chain.units,
-        values=vector,
-        covariance=inverse * np.outer(scales, scales),
+        values=point.vector,
+        covariance=covariance * np.outer(scales, scales),
         residuals=residuals,
         chi2=chi2,
         dof=dof,
         code=code,
         rows=-rows,
         jacobian=jacobian,
-        vector=vector,
-        statistics={"steps": float(steps)},
+        vector=point.vector,
         identifiability=identifiability_of(problem, jacobian),
     )
 

@@ -55,27 +55,20 @@ def analyse(problem: Problem) -> Harmonics:
     chain, where = default_chain(data), where_of(data)
     by = next((leaf.by for leaf in chain.free if leaf.name == "dbeta"), None) or "pitch"
     group = np.asarray(where.index(by))
-    count, rows = int(group.max()) + 1, data.readings.size
-    size = 9 * count
-    analysis, synthesis, covariance = np.zeros((size, rows)), np.zeros((rows, size)), np.zeros((size, size))
-    betas = np.array([where.pitch_angle[group == k][0] for k in range(count)])
-    weights = 1.0 / problem.sd**2 if problem.known else np.ones_like(data.readings)
-    for k in range(count):
-        members = np.nonzero(group == k)[0]
-        alpha = data.alpha[members]
-        regressors = np.stack([np.ones_like(alpha), np.sin(alpha), np.cos(alpha)], axis=1)
-        if np.linalg.matrix_rank(regressors, tol=1e-6) < 3:
+    settings = np.arange(int(group.max()) + 1)
+    betas = np.array([where.pitch_angle[group == k][0] for k in settings])
+    regressors = np.stack([np.ones_like(data.alpha), np.sin(data.alpha), np.cos(data.alpha)], axis=1)
+    for k in settings:
+        if np.linalg.matrix_rank(regressors[group == k], tol=1e-6) < 3:
             raise InputError(
                 f"{data.source}: harmonic analysis needs three spindle angles at each pitch setting; "
-                f"{np.degrees(betas[k]):g} deg has {len(set(np.round(np.degrees(alpha) % 360, 6)))}"
+                f"{np.degrees(betas[k]):g} deg has {len(set(np.round(np.degrees(data.alpha[group == k]) % 360, 6)))}"
             )
-        for axis in range(3):
-            here = slice(9 * k + 3 * axis, 9 * k + 3 * axis + 3)
-            weight = weights[members, axis]
-            normal = np.linalg.inv(regressors.T * weight @ regressors)
-            analysis[here, 3 * members + axis] = normal @ regressors.T * weight
-            synthesis[3 * members + axis, here] = regressors
-            covariance[here, here] = normal
+    members = (group[:, None] == settings).astype(float)
+    synthesis = np.einsum("pk,ab,ph->pakbh", members, np.eye(3), regressors).reshape(data.readings.size, -1)
+    weighted = synthesis.T * (1.0 / problem.sd.ravel() ** 2 if problem.known else 1.0)
+    covariance = np.linalg.inv(weighted @ synthesis)
+    analysis = covariance @ weighted
     design, ideal = equations(betas)
     estimated = set(problem.chain.names)
     columns = [column for column, name in enumerate(chain.names) if name in estimated]
@@ -89,7 +82,7 @@ def analyse(problem: Problem) -> Harmonics:
         ideal=ideal,
         names=tuple(chain.names[column] for column in columns),
         units=tuple(chain.units[column] for column in columns),
-        run=tuple(run_of[int(np.argmax(group == k))] for k in range(count) for _ in range(9)),
+        run=tuple(run_of[int(np.argmax(group == k))] for k in settings for _ in range(9)),
     )
 
 

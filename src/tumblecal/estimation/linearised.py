@@ -1,6 +1,7 @@
-"""A problem linearised at a vector: weighted residual, its Jacobian by scaled parameters, and whether these determine all."""
+"""A problem linearised at a vector, the descent to its least-squares estimate, and whether the design determines it."""
 
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,27 @@ from jaxtyping import Array, Float
 from tumblecal.estimation.identifiability import Identifiability, identifiability
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.programs import cached_program
+
+
+# Share of the scaled parameters (absolute below 1) below which a step is the last one.
+TOLERANCE = 1e-10
+MOST_STEPS = 64
+# Damping of the first step, and its factors after a step that was kept and one that was not.
+_DAMPING, _LESS, _MORE = 1e-3, 0.2, 5.0
+
+
+class Point(NamedTuple):
+    """A parameter vector, the white residual there, its Jacobian by the scaled parameters, and the steps that led there."""
+
+    vector: Float[np.ndarray, " free"]
+    rows: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "rows free"]
+    steps: int = 0
+
+    @property
+    def finite(self) -> bool:
+        """Whether all its numbers are finite."""
+        return all(bool(np.all(np.isfinite(part))) for part in self[:3])
 
 
 @jax.jit
@@ -28,6 +50,38 @@ def _linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array,
     scaled = vector / jnp.asarray(problem.scales)
     residual, push = jax.linearize(partial(scaled_residual, problem), scaled)
     return residual, jax.vmap(push, out_axes=-1)(jnp.eye(len(scaled)))
+
+
+def point_at(problem: Problem, vector: Float[np.ndarray, " free"], steps: int = 0) -> Point:
+    """The problem linearised at a vector, as numpy arrays."""
+    rows, jacobian = map(np.asarray, linearised(problem, vector))
+    return Point(vector, rows, jacobian, steps)
+
+
+def descended(problem: Problem, start: Point, *, damped: bool = False) -> Point:
+    """The end of a descent: Gauss-Newton (Nocedal and Wright 2006, 10.3), or with damping (Levenberg and Marquardt) steps that
+    reduce the sum of squares. It may not have converged.
+
+    **Arguments:**
+
+    - `problem`: without what no computation needs (`Problem.bare`).
+    """
+    point, damping = start, _DAMPING if damped else 0.0
+    size = len(point.vector)
+    for steps in range(1, MOST_STEPS * (8 if damped else 1) + 1):
+        if not point.finite:
+            break
+        rows, jacobian = point.rows, point.jacobian
+        if damped:
+            rows = np.concatenate([rows, np.zeros(size)])
+            jacobian = np.vstack([jacobian, np.sqrt(damping) * np.linalg.norm(jacobian) * np.eye(size)])
+        step = np.linalg.lstsq(jacobian, rows, rcond=None)[0]
+        after = point_at(problem, point.vector - step * problem.scales, steps)
+        better = not damped or (after.finite and after.rows @ after.rows <= point.rows @ point.rows)
+        point, damping = (after, damping * _LESS) if better else (point._replace(steps=steps), damping * _MORE)
+        if np.all(np.abs(step) <= TOLERANCE * (1.0 + np.abs(point.vector / problem.scales))):
+            break
+    return point
 
 
 def identifiability_of(problem: Problem, jacobian: Float[np.ndarray, "rows free"]) -> Identifiability:

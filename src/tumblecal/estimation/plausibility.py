@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -115,7 +115,7 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
     - `stated`: the largest usual size by leaf (`dbeta`) or parameter (`dbeta_0`), base units, in place of the defaults. A
       stated prior replaces both: five of its standard deviations.
     """
-    limits, problem, listed = USUAL | dict(stated or {}), fit.problem, []
+    limits, problem, rows = USUAL | dict(stated or {}), fit.problem, list[_Row]()
     precision = problem.prior_root.T @ problem.prior_root
     sds = np.where(np.diag(precision) > 0, np.sqrt(np.diag(np.linalg.pinv(precision))), np.inf)
     priors = dict(zip(problem.chain.names, zip(np.asarray(problem.prior_mean), sds, strict=True), strict=True))
@@ -123,26 +123,17 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
     of_positions = problem.chain.of_positions
     for leaf in problem.chain.free:
         for name in set(leaf.names) & fitted.keys():
-            mean, prior_sd = priors.get(name, (0.0, np.inf))
+            mean, prior_sd = map(float, priors.get(name, (0.0, np.inf)))
+            if np.isfinite(prior_sd):
+                rows.append(_Row(name, leaf.unit, *fitted[name], _PRIOR_SD * prior_sd, _CONTRADICTED, (mean, prior_sd)))
+                continue
             unstated = math.inf if name in of_positions else _OF_EFFECTS.get(leaf.unit, math.inf)
-            known = limits.get(name, limits.get(leaf.name, unstated))
-            usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else known
-            value, sd = fitted[name]
-            in_degrees = leaf.unit == "rad" and np.isinf(prior_sd)
-            unit, scale = ("deg", math.degrees(1.0)) if in_degrees else shown(leaf.unit)
-            if abs(value - mean) - _SURE_SD * sd > usual:
-                shares = (value * scale, sd * scale, usual * scale, unit)
-                if np.isinf(prior_sd):
-                    listed.append(Implausible(name, *shares, _WHY.get(leaf.name, _WHY_EFFECT)))
-                else:
-                    prior = float(mean) * scale, float(prior_sd) * scale
-                    listed.append(Implausible(name, *shares, _CONTRADICTED, *prior))
-    usual, sigma = limits["scatter"], fit.sigma
-    if fit.dof > 0 and sigma - _SURE_SD * sigma / math.sqrt(2 * fit.dof) > usual:
-        unit, scale = shown("g")
-        sizes = (sigma * scale, sigma * scale / math.sqrt(2 * fit.dof), usual * scale)
-        listed.append(Implausible("scatter", *sizes, unit, _WHY["scatter"]))
-    return tuple(sorted(listed, key=lambda entry: -entry.times))
+            usual = limits.get(name, limits.get(leaf.name, unstated))
+            rows.append(_Row(name, leaf.unit, *fitted[name], usual, _WHY.get(leaf.name, _WHY_EFFECT)))
+    if fit.dof > 0:
+        sd = fit.sigma / math.sqrt(2 * fit.dof)
+        rows.append(_Row("scatter", "g", fit.sigma, sd, limits["scatter"], _WHY["scatter"]))
+    return _beyond(rows)
 
 
 def implausible_head(head: "MeasuredHead", stated: Mapping[str, float] | None = None) -> tuple[Implausible, ...]:
@@ -153,12 +144,32 @@ def implausible_head(head: "MeasuredHead", stated: Mapping[str, float] | None = 
 
     - `stated`: as in `implausible`.
     """
-    limits, listed = USUAL | dict(stated or {}), []
-    for name, base, value, sd in zip(head.names, head.units, head.values.tolist(), head.sd.tolist(), strict=True):
+    limits, rows = USUAL | dict(stated or {}), list[_Row]()
+    for name, unit, value, sd in zip(head.names, head.units, head.values.tolist(), head.sd.tolist(), strict=True):
         of_pitch = name.startswith(PITCH_ERROR)
-        usual = limits["dbeta"] if of_pitch else limits.get(name, _OF_EFFECTS.get(base, math.inf))
-        if abs(value) - _SURE_SD * sd > usual:
-            unit, scale = ("deg", math.degrees(1.0)) if base == "rad" else shown(base)
-            sizes = value * scale, sd * scale, usual * scale
-            listed.append(Implausible(name, *sizes, unit, _WHY["dbeta"] if of_pitch else _WHY_EFFECT))
+        usual = limits["dbeta"] if of_pitch else limits.get(name, _OF_EFFECTS.get(unit, math.inf))
+        rows.append(_Row(name, unit, value, sd, usual, _WHY["dbeta"] if of_pitch else _WHY_EFFECT))
+    return _beyond(rows)
+
+
+class _Row(NamedTuple):
+    """A parameter in its base unit, its largest usual size or deviation from the mean of its prior, and the possible reason."""
+
+    name: str
+    unit: str
+    value: float
+    sd: float
+    usual: float
+    why: str
+    prior: tuple[float, float] | None = None
+
+
+def _beyond(rows: Sequence[_Row]) -> tuple[Implausible, ...]:
+    """The parameters that are surely larger than usual, the most unusual first."""
+    listed = []
+    for name, base, value, sd, usual, why, prior in rows:
+        if abs(value - (prior[0] if prior else 0.0)) - _SURE_SD * sd > usual:
+            unit, scale = ("deg", math.degrees(1.0)) if base == "rad" and not prior else shown(base)
+            mean, prior_sd = (part * scale for part in prior) if prior else (None, None)
+            listed.append(Implausible(name, value * scale, sd * scale, usual * scale, unit, why, mean, prior_sd))
     return tuple(sorted(listed, key=lambda entry: -entry.times))

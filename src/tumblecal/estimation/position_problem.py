@@ -9,7 +9,7 @@ from tumblecal.chain.where import register_unchecked, with_visits
 from tumblecal.data import PositionSet
 from tumblecal.data.position_comments import BY_HAND, NOISE_MODEL
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
-from tumblecal.estimation.priors import Priors, prior_of
+from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import UNIT_SD, Problem
 from tumblecal.ground.angle_settings import distinct
 from tumblecal.ground.errors import InputError
@@ -129,23 +129,9 @@ def problem_of(
     known = noise_sd is not None or data.sd is not None
     column_sd = None if noise_sd else data.weighing_sd
     sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if column_sd is None else column_sd
-    mean, prior_weights = prior_of(chain, priors or {})
-    if not known and np.any(prior_weights > 0):
-        # The weight of a prior relative to the data is defined only for known noise.
-        raise InputError("a prior needs a stated noise: give sd columns or --noise-sd (for example --noise-sd 0.1mg)")
     noise = Covariance.of_sd(sd) if noise_sd is not None else _recorded(data) or Covariance.of_sd(sd)
-    return Problem(
-        chain=chain,
-        where=where_of(data, chain),
-        readings=data.readings,
-        whitening=noise.inverse_root,
-        prior_mean=mean,
-        prior_weights=prior_weights,
-        known=known,
-        with_prior=bool(np.any(prior_weights > 0)),
-        noise=noise,
-        sd=sd,
-        data=data,
+    return Problem.of_noise(
+        chain, where_of(data, chain), data.readings, noise, sd, known=known, priors=priors, data=data
     )
 
 

@@ -115,9 +115,6 @@ class Problem:
             raise InputError("noise_sd and noise both state the noise; give only one of them")
         stated = stated_sd(UNIT_SD if noise_sd is None else noise_sd, count)
         known = noise is not None or noise_sd is not None
-        mean, weights = prior_of(chain, priors or {})
-        if not known and np.any(weights != 0):
-            raise InputError("a prior needs a stated noise: give noise_sd or noise")
         sd = np.broadcast_to(stated, (count, 3))
         noise = Covariance.of_sd(sd) if noise is None else noise
         labels = tuple(names) if names is not None else tuple(str(number) for number in range(1, count + 1))
@@ -126,9 +123,31 @@ class Problem:
             data = PositionSet(labels, np.degrees(where.alpha), np.degrees(where.beta), numbers, source="arrays")
             require_g(chain, numbers)
             readings = numbers
-        with_prior = bool(np.any(weights != 0))
         sd = sd if noise.form == "rows" and noise_sd is not None else noise.sd.reshape(-1, 3)
-        return cls(chain, where, readings, noise.inverse_root, mean, weights, known, with_prior, noise, sd, data)  # type: ignore[arg-type]
+        return cls.of_noise(chain, where, readings, noise, sd, known=known, priors=priors, data=data)
+
+    @classmethod
+    def of_noise(
+        cls,
+        chain: Chain,
+        where: Where,
+        readings: Any,
+        noise: Covariance,
+        sd: Float[np.ndarray, "positions 3"],
+        *,
+        known: bool,
+        priors: Priors | None,
+        data: PositionSet | None,
+    ) -> "Problem":
+        """A problem of checked arrays; arguments as of the class and of `from_arrays`."""
+        mean, weights = prior_of(chain, priors or {})
+        with_prior = bool(np.any(weights != 0))
+        if with_prior and not known:
+            # The weight of a prior relative to the data is defined only for known noise.
+            raise InputError(
+                "a prior needs a stated noise: give sd columns or --noise-sd (for example --noise-sd 0.1mg; in Python noise_sd)"
+            )
+        return cls(chain, where, readings, noise.inverse_root, mean, weights, known, with_prior, noise, sd, data)
 
     def __repr__(self) -> str:
         size = f"{1e3 * float(np.median(self.sd)):.3g} mg" if self.known and self.sd.size else "estimated"

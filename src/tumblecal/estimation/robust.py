@@ -18,8 +18,9 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from tumblecal.estimation.exact import fitted
 from tumblecal.estimation.fit import Code, Fit
-from tumblecal.estimation.linearised import identifiability_of, linearised, require_full_rank
+from tumblecal.estimation.linearised import point_at
 from tumblecal.estimation.problem import Problem
 
 
@@ -113,69 +114,45 @@ def _stretched(loss: Loss, rows: Float[Array, " rows"], readings: int, scale: Ar
     return jnp.concatenate([jnp.where(near, data, jnp.sign(data) * root), rows[readings:]])
 
 
-def fit_robust(
-    problem: Problem, loss: Loss, start: Float[np.ndarray, " free"] | None = None, solver: Any = None
-) -> Fit:
-    """The M-estimate of a problem; arguments as of `exact.fit`.
+def fit_robust(problem: Problem, loss: Loss, start: Float[np.ndarray, " free"], solver: Any = None) -> Fit:
+    """The M-estimate of a problem with a design of full rank; arguments as of `exact.fit`.
 
     Unknown noise: its scale is the median of the absolute residuals, divided by that of a standard normal variable and
     corrected for the fitted parameters; estimate and scale are computed in turn until both have settled.
-    """
-    solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE) if solver is None else solver
-    bare, vector = problem.bare, problem.chain.vector if start is None else np.asarray(start, float)
-    require_full_rank(problem, np.asarray(linearised(problem, vector)[1]))
-    taken = 3 * int(np.sum(problem.takes_part))
-    dof = taken + problem.priors - len(vector)
-    scale, steps = 1.0, 0
 
+    **Raises:** `TypeError` for a `loss` that is none.
+    """
+    if not isinstance(loss, Loss):
+        raise TypeError(f"loss {loss!r}: give a Loss of estimation.robust, such as huber()")
+    solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE) if solver is None else solver
+    bare, vector, scale, steps = problem.bare, start, 1.0, 0
+    count, used = problem.readings.size, np.repeat(problem.takes_part, 3)
+    dof = int(used.sum()) + problem.priors - len(vector)
     for _ in range(1 if problem.known else _MOST_SCALES):
         vector, more = minimised(bare, solver, vector, loss, scale)
         steps, before = steps + more, scale
         if problem.known:
             break
-        sizes = np.abs(np.asarray(problem.residual(jnp.asarray(vector))))[: problem.readings.size]
-        sizes = sizes[np.repeat(problem.takes_part, 3)]
-        scale = float(np.median(sizes)) / _NORMAL_MEDIAN * np.sqrt(taken / max(dof, 1))
+        sizes = np.abs(np.asarray(problem.residual(jnp.asarray(vector))))[:count][used]
+        scale = float(np.median(sizes)) / _NORMAL_MEDIAN * np.sqrt(used.sum() / max(dof, 1))
         if abs(scale - before) < _SETTLED * scale:
             break
-    return _fitted(problem, loss, vector, scale, dof, steps)
+    point = point_at(bare, vector, steps)
+    of_data, prior = point.jacobian[:count], point.jacobian[count:]
+    influence, slope = map(np.asarray, _derivatives(loss, jnp.asarray(point.rows[:count] / scale)))
+    curvature = of_data.T @ (of_data * slope[:, None]) / scale**2 + prior.T @ prior
+    scatter = of_data.T @ (of_data * (influence**2)[:, None]) / scale**2 * (used.sum() / max(dof, 1))
+    inverse = np.linalg.pinv(curvature, hermitian=True)
+    covariance = inverse @ (scatter + prior.T @ prior) @ inverse
+    step = inverse @ (of_data.T @ influence / scale + prior.T @ point.rows[count:])
+    finite = bool(np.all(np.isfinite(point.rows)) and np.all(np.isfinite(covariance)))
+    small = finite and bool(np.all(np.abs(step) <= _STEP_IN_SD * np.sqrt(np.diag(covariance)) + _TOLERANCE))
+    code = Code.CONVERGED if small else Code.NOT_CONVERGED if finite else Code.NON_FINITE
+    statistics = {"steps": float(steps), "scale": scale}
+    return fitted(problem, code, point, covariance, method=f"exact, {loss.words}", statistics=statistics)
 
 
 @eqx.filter_jit
 def _derivatives(loss: Loss, rows: Array) -> tuple[Array, Array]:
     """First and second derivative of the loss of each row."""
     return jax.vmap(jax.grad(loss.rho))(rows), jax.vmap(jax.grad(jax.grad(loss.rho)))(rows)
-
-
-def _fitted(problem: Problem, loss: Loss, vector: np.ndarray, scale: float, dof: int, steps: int) -> Fit:
-    """The fit with the sandwich covariance."""
-    rows, jacobian = (np.asarray(part) for part in linearised(problem, vector))
-    count = problem.readings.size
-    of_data, prior = jacobian[:count], jacobian[count:]
-    relative = jnp.asarray(rows[:count] / scale)
-    influence, slope = map(np.asarray, _derivatives(loss, relative))
-    curvature = of_data.T @ (of_data * slope[:, None]) / scale**2 + prior.T @ prior
-    scatter = of_data.T @ (of_data * (influence**2)[:, None]) / scale**2 * (3 * problem.takes_part.sum() / max(dof, 1))
-    inverse = np.linalg.pinv(curvature, hermitian=True)
-    covariance = inverse @ (scatter + prior.T @ prior) @ inverse
-    step = inverse @ (of_data.T @ influence / scale + prior.T @ rows[count:])
-    finite = bool(np.all(np.isfinite(rows)) and np.all(np.isfinite(covariance)))
-    small = finite and bool(np.all(np.abs(step) <= _STEP_IN_SD * np.sqrt(np.diag(covariance)) + _TOLERANCE))
-    predicted = np.asarray(problem.predicted(jnp.asarray(vector)))
-    return Fit(
-        method=f"exact, {loss.words}",
-        problem=problem,
-        names=problem.chain.names,
-        units=problem.chain.units,
-        values=vector,
-        covariance=covariance * np.outer(problem.scales, problem.scales),
-        residuals=np.asarray(problem.readings) - predicted,
-        chi2=float(rows @ rows),
-        dof=dof,
-        code=Code.CONVERGED if small else Code.NOT_CONVERGED if finite else Code.NON_FINITE,
-        rows=-rows,
-        jacobian=jacobian,
-        vector=vector,
-        statistics={"steps": float(steps), "scale": scale},
-        identifiability=identifiability_of(problem, jacobian),
-    )

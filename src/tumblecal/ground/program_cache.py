@@ -10,15 +10,11 @@ import hashlib
 import logging
 import os
 import stat
-import sys
 import warnings
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 
-import tumblecal
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
 
@@ -64,17 +60,6 @@ class ProgramCache:
         _log.debug("%s: removed: %s", name, reason)
         with suppress(OSError):
             (self.folder / name).unlink(missing_ok=True)
-
-
-@lru_cache
-def sources_digest(*folders: str) -> str:
-    """Digest of the source files in these folders of the package, and of the versions of Python, NumPy and JAX."""
-    files = sorted(path for folder in folders for path in (Path(tumblecal.__file__).parent / folder).rglob("*.py"))
-    versions = (sys.version, *map(version, ("numpy", "jax", "jaxlib")))
-    digest = hashlib.sha256("\0".join(versions).encode())
-    for path in files:
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
 
 
 def _seal(name: str, payload: bytes) -> bytes:

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
 from typing import Any
 
 import jax
@@ -16,32 +15,19 @@ from tumblecal.estimation.programs import cached_program
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import fit_chain
 from tumblecal.simulation.experiment import BLOCK, Experiment
-from tumblecal.simulation.harmonic_fit import fit_harmonics
-from tumblecal.simulation.uniform import UniformPlan
+from tumblecal.simulation.uniform import UniformPlan, fits_by_harmonics
 
 
 # From so many blocks on, a program that runs three times as fast repays the seconds that its compilation takes longer.
 MANY_BLOCKS = 128
 
 
-def block_program(one: Experiment, known: int) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """The program of a block; the optimised one if so many blocks are known to come, or have come."""
-    quick, optimised, count = _program(one, False), _program(one, True), known
-
-    def program(readings):
-        nonlocal count
-        count += 1
-        return (optimised if count > MANY_BLOCKS else quick)(readings)
-
-    return program
-
-
-def _program(one: Experiment, optimised: bool) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """From the readings (lanes, positions, 3) of one block to values (lanes, free), sums of squares and convergence."""
+def fits_of_block(one: Experiment, readings: Array, *, optimised: bool) -> tuple[Array, Array, Array]:
+    """Values (lanes, free), sums of squares and convergence from the readings (lanes, positions, 3) of one block."""
     if one.plan is None:
         assert one.shared is not None
-        return partial(_CHAIN_BLOCK[optimised], one.problem, one.shared)
-    return partial(_harmonic_block(one.plan, optimised), one.sd)
+        return _CHAIN_BLOCK[optimised](one.problem, one.shared, readings)
+    return _harmonic_block(one.plan, optimised)(one.sd, readings)
 
 
 _CHAIN_BLOCK = {optimised: cached_program(fit_chain, optimised=optimised) for optimised in (False, True)}
@@ -49,13 +35,10 @@ _CHAIN_BLOCK = {optimised: cached_program(fit_chain, optimised=optimised) for op
 
 def _harmonic_block(plan: UniformPlan, optimised: bool) -> Callable[[float, Array], tuple[Array, Array, Array]]:
     def program(sd, readings):
-        moved = jnp.moveaxis(readings, 0, 2)
-        harmonics = plan.harmonics(moved)
-        fits = fit_harmonics(harmonics, plan.pitch, plan.angles)
-        rest = jnp.sum((moved - plan.synthesis(harmonics)) ** 2, axis=(0, 1))
-        return fits.values.T, (fits.sum_of_squares + rest) / sd**2, fits.converged
+        values, chi2, converged = fits_by_harmonics(plan, sd, jnp.moveaxis(readings, 0, 2))
+        return values.T, chi2, converged
 
-    return cached_program(program, plan, optimised=optimised)
+    return cached_program(program, plan.rows, plan.analysis, plan.pitch, optimised=optimised)
 
 
 def blocks_of(readings: Any, chain: Chain, count: int) -> Iterator[np.ndarray]:

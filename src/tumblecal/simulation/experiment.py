@@ -25,9 +25,9 @@ from tumblecal.estimation.visits import drawn_with_repeatability, with_repeatabi
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
 from tumblecal.simulation.evaluated_once import materialised
-from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
+from tumblecal.simulation.harmonic_fit import nominal_harmonics
 from tumblecal.simulation.samplers import Sampler, check_sampler, draws
-from tumblecal.simulation.uniform import UniformPlan, harmonic_path
+from tumblecal.simulation.uniform import UniformPlan, fits_by_harmonics, harmonic_path
 
 
 BLOCK = 1024
@@ -48,8 +48,8 @@ class Experiment(eqx.Module):
     - `truth`: free parameters of the fitted chain at their true values; `spread`: sd of a random instrument about it.
     - `draw_truth`, `draw_noise`: the user's samplers, in place of truth and spread, and of normal noise.
     - `problem`: the fit, its chain at the truth. `simulated`: the chain that makes the readings, injected effects included.
-    - `readings`: its readings at the truth, g; `beyond`: their part beyond the harmonics, None if zero.
-    - `factor`: square root of the noise's covariance over positions, one per axis; None for that of the problem's weights.
+    - `readings`: its readings at the truth, g; `nominal`: whether they are those of the fitted chain.
+    - `factor`: square root of the noise's covariance: sd of each reading (positions, 3), one matrix for each axis, or one.
     - `sd`: the stated sd of a reading, g, of the weights and of the predicted covariance; the smallest if they differ, NaN for
       correlated readings.
     - `covariance`: predicted, of the estimates.
@@ -65,8 +65,8 @@ class Experiment(eqx.Module):
     problem: Problem
     simulated: Chain
     readings: Float[np.ndarray, "positions 3"]
-    beyond: Float[np.ndarray, "positions 3"] | None
-    factor: Float[np.ndarray, "3 positions positions"] | None
+    nominal: bool = eqx.field(static=True)
+    factor: Float[np.ndarray, " *shape"]
     sd: float = eqx.field(static=True)
     covariance: Float[np.ndarray, "free free"]
     path: str = eqx.field(static=True)
@@ -88,14 +88,12 @@ class Experiment(eqx.Module):
             return draws(self.draw_noise, jax.random.fold_in(key, 2), BLOCK)
         if not self.problem.known:
             raise InputError("the noise is unknown: give a sampler, or a problem with a stated noise")
-        white, whitening = jax.random.normal(key, (*self.readings.shape, BLOCK)), np.asarray(self.problem.whitening)
-        if self.factor is not None:
-            return jnp.einsum("apq,qal->pal", self.factor, white)
-        if whitening.ndim == 2:
-            return (jnp.linalg.inv(whitening) @ white.reshape(-1, BLOCK)).reshape(white.shape)
-        if np.ptp(whitening) == 0:
-            return self.sd * white
-        return white / jnp.asarray(whitening.reshape(*self.readings.shape, 1))
+        white, factor = jax.random.normal(key, (*self.readings.shape, BLOCK)), jnp.asarray(self.factor)
+        if factor.shape == self.readings.shape:
+            return factor[:, :, None] * white
+        if factor.ndim == 3:
+            return jnp.einsum("apq,qal->pal", factor, white)
+        return (factor @ white.reshape(-1, BLOCK)).reshape(white.shape)
 
     def trials(self, seed: int | Array, block: int | Int[Array, ""]) -> Trials:
         """Trials `block * BLOCK` to `(block + 1) * BLOCK - 1`; pure, to be compiled."""
@@ -113,8 +111,7 @@ class Experiment(eqx.Module):
 
     def calibrated(self, truth: Float[Array, "free lanes"], noise: Float[Array, "positions 3 lanes"]) -> Trials:
         """Estimates from readings of these instruments with this noise, g."""
-        fits = self._by_harmonics(truth, noise) if self.plan is not None else self._by_chain(truth, noise)
-        values, chi2, converged = fits
+        values, chi2, converged = self.fits(self.true_readings(truth) + noise)
         rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
         # Failed lanes contain finite numbers without meaning.
         rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
@@ -129,33 +126,17 @@ class Experiment(eqx.Module):
         """Readings without noise, g; one lane where all instruments are the same."""
         if self.one_instrument:
             return jnp.asarray(self.readings)[:, :, None]
-        return jax.vmap(lambda vector: self.simulated.at(vector)(self.problem.where), in_axes=1, out_axes=2)(truth)
+        if self.plan is None or not self.nominal:
+            return jax.vmap(lambda vector: self.simulated.at(vector)(self.problem.where), in_axes=1, out_axes=2)(truth)
+        harmonics = nominal_harmonics(materialised(truth), self.plan.pitch)
+        return self.plan.synthesis(materialised(harmonics.reshape(-1, BLOCK)).reshape(harmonics.shape))
 
-    def _by_harmonics(self, truth: Array, noise: Array) -> tuple[Array, Array, Array]:
-        """Fit the harmonics; the remainder of the readings completes the sum of squares."""
-        plan = self.plan
-        assert plan is not None
-        beyond = None if self.beyond is None else jnp.asarray(self.beyond)[:, :, None]
-        if self.one_instrument:
-            of_truth = plan.harmonics(jnp.asarray(self.readings)[:, :, None])
-        elif beyond is None:
-            of_truth = nominal_harmonics(materialised(truth), plan.pitch)
-            of_truth = materialised(of_truth.reshape(-1, BLOCK)).reshape(of_truth.shape)
-        else:
-            readings = self.true_readings(truth)
-            of_truth = plan.harmonics(readings)
-            beyond = readings - plan.synthesis(of_truth)
-        of_noise = plan.harmonics(noise)
-        fits = fit_harmonics(of_truth + of_noise, plan.pitch, plan.angles)
-        explained = jnp.sum(of_noise**2 * plan.weights[None, :, None, None], axis=(0, 1, 2))
-        remainder = noise if beyond is None else noise + beyond
-        rest = jnp.sum(remainder**2, axis=(0, 1)) - explained
-        return fits.values, (fits.sum_of_squares + rest) / self.sd**2, fits.converged
-
-    def _by_chain(self, truth: Array, noise: Array) -> tuple[Array, Array, Array]:
+    def fits(self, readings: Float[Array, "positions 3 lanes"]) -> tuple[Array, Array, Array]:
+        """Values (free, lanes), sums of squares and convergence from readings, g."""
+        if self.plan is not None:
+            return fits_by_harmonics(self.plan, self.sd, readings)
         assert self.shared is not None
-        readings = jnp.moveaxis(self.true_readings(truth) + noise, 2, 0)
-        fits = fit_chain(self.problem, self.shared, readings)
+        fits = fit_chain(self.problem, self.shared, jnp.moveaxis(readings, 2, 0))
         return fits.values.T, fits.chi2, fits.converged
 
 
@@ -234,18 +215,13 @@ def experiment_of(
     plan = harmonic_path(problem)
     if path == "harmonic" and isinstance(plan, str):
         raise ValueError(f"the harmonic path does not apply: {plan}")
-    factor = np.linalg.inv(problem.whitening) if problem.whitening.ndim == 3 else None
     reason = plan if isinstance(plan, str) else ("requested" if path == "chain" else "")
     chosen = None if isinstance(plan, str) or path == "chain" else plan
-    same = simulated is None or simulated is chain
-    simulated = chain if simulated is None else simulated
+    simulated, whitening = chain if simulated is None else simulated, np.asarray(problem.whitening)
     readings = np.asarray(simulated(problem.where))
+    factor = np.linalg.inv(whitening) if whitening.ndim > 1 else 1.0 / whitening.reshape(readings.shape)
     check_sampler(draw_truth, chain.vector.shape, "truth")
     check_sampler(draw_noise, readings.shape, "noise")
-    # The part of the readings beyond mean, sine and cosine.
-    beyond = None
-    if not same and chosen is not None:
-        beyond = readings - np.asarray(chosen.synthesis(chosen.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
     # Covariance of the estimates at the chain's own parameters, from the stated noise.
     _, to_values = design(problem)
     predicted_covariance = to_values @ to_values.T
@@ -259,9 +235,9 @@ def experiment_of(
         problem=problem,
         simulated=simulated,
         readings=readings,
-        beyond=beyond,
+        nominal=simulated is chain,
         factor=factor if covariance is None else np.stack([square_root(part) for part in covariance]),
-        sd=float(1.0 / np.max(np.abs(np.asarray(problem.whitening)))) if problem.whitening.ndim == 1 else float("nan"),
+        sd=float(1.0 / np.max(np.abs(whitening))) if whitening.ndim == 1 else float("nan"),
         covariance=predicted_covariance,
         path="chain" if chosen is None else "harmonic",
         reason=reason,

@@ -11,8 +11,9 @@ of two Rayleigh quotients
     n  s'G s / s'C s  +  n/2  c'D c / c'c,     s = sin B, c = cos B, C = I - 11'/K,
     G = C (sum_a m_a m_a') C,   D = sum of d d' over the six sine and cosine columns,
 
-solved by Newton's method with its exact K x K Hessian. Everything is written by component on arrays whose last axis
-is the trial ("lane"), so that the compiler runs it at the speed of elementwise arithmetic.
+solved by Newton's method with its exact K x K Hessian. Vectors and matrices are numpy arrays of objects, whose entries are
+arrays with one number for each trial ("lane"). So the program is written by component, and the compiler runs it at the
+speed of elementwise arithmetic.
 """
 
 import functools
@@ -33,11 +34,8 @@ MOST_STEPS = 20
 LONGEST_STEP = 0.5
 
 Lane: TypeAlias = Float[Array, " lanes"]
-
-
-def _total(terms: Iterable[Lane]) -> Lane:
-    """Sum of one or more lanes, in their order."""
-    return functools.reduce(operator.add, terms)
+# Entries are lanes.
+Lanes: TypeAlias = np.ndarray
 
 
 class HarmonicFits(NamedTuple):
@@ -62,199 +60,141 @@ def fit_harmonics(
 
     **Returns:** estimates, sums of squares and convergence of all lanes.
     """
-    settings = range(len(pitch))
-    mean = [[harmonics[k, 0, a] for a in range(3)] for k in settings]
-    waves = [[harmonics[k, h, a] for a in range(3) for h in (1, 2)] for k in settings]
-    centre = [_total(mean[k][a] for k in settings) / len(pitch) for a in range(3)]
-    means = [[mean[k][a] - centre[a] for a in range(3)] for k in settings]
-    sine, cosine, last = _pitch_angles(_gram(means), _gram(waves), pitch, angles)
-    across, offset = _affine(means, waves, centre, sine, cosine)
-    values, proper = _split(across, offset)
+    measured, count = _lanes(harmonics), len(pitch)
+    centre = measured[:, 0].sum(axis=0) * (1 / count)
+    means, waves = measured[:, 0] - centre, measured[:, 1:].reshape(count, 6)
+    sine, cosine, last = _pitch_angles(_symmetric(means @ means.T), _symmetric(waves @ waves.T), pitch)
+    middle = _sum(sine) * (1 / count)
+    across = sine - middle
+    slope = across @ means * (1.0 / _sum(across * across))
+    wave = cosine @ waves * (1.0 / _sum(cosine * cosine))
+    matrix, bias = np.stack([-slope, wave[:3], wave[3:]], axis=1), centre - slope * middle
+    values, proper = _split(matrix)
     dbeta = [
         jnp.arctan2(s * np.cos(b) - c * np.sin(b), c * np.cos(b) + s * np.sin(b))
         for s, c, b in zip(sine, cosine, pitch, strict=True)
     ]
-    squares = _sum_of_squares(harmonics, across, offset, sine, cosine, angles)
-    stacked = jnp.stack([*values, *dbeta])
-    finite = jnp.isfinite(_total(values) + _total(dbeta) + squares)
-    return HarmonicFits(stacked, squares, finite & proper & (last < LAST_STEP))
-
-
-def _gram(rows: list[list[Lane]]) -> list[list[Lane]]:
-    """Products of the rows with each other, lower triangle mirrored."""
-    gram = [
-        [_total(x * y for x, y in zip(rows[i], rows[j], strict=True)) for j in range(i + 1)] for i in range(len(rows))
-    ]
-    return [[gram[max(i, j)][min(i, j)] for j in range(len(rows))] for i in range(len(rows))]
-
-
-def _pitch_angles(
-    G: list[list[Lane]], D: list[list[Lane]], pitch: np.ndarray, angles: int
-) -> tuple[list[Lane], list[Lane], Lane]:
-    """Sines and cosines of the pitch angles that maximise the two quotients, and the length of the last step."""
-    settings = range(len(pitch))
-    nothing = jnp.zeros_like(G[0][0])
-
-    def unfinished(state):
-        count, _, _, last = state
-        return (count < MOST_STEPS) & jnp.any(last >= LAST_STEP)
-
-    def newton(state):
-        count, sine, cosine, _ = state
-        gradient, hessian = _derivatives(G, D, [sine[k] for k in settings], [cosine[k] for k in settings], angles)
-        step = _cholesky_solve(hessian, gradient)
-        longest = jnp.abs(step[0])
-        for part in step[1:]:
-            longest = jnp.maximum(longest, jnp.abs(part))
-        half = 0.5 * jnp.minimum(1.0, LONGEST_STEP / jnp.maximum(longest, 1e-300))
-        turned = []
-        for k in settings:
-            t = half * step[k]
-            denominator = 1.0 / (1.0 + t * t)
-            c, s = (1.0 - t * t) * denominator, 2.0 * t * denominator
-            turned.append((sine[k] * c + cosine[k] * s, cosine[k] * c - sine[k] * s))
-        return count + 1, [s for s, _ in turned], [c for _, c in turned], longest
-
-    start = (
-        jnp.zeros((), int),
-        [nothing + np.sin(b) for b in pitch],
-        [nothing + np.cos(b) for b in pitch],
-        nothing + 1.0,
-    )
-    _, sine, cosine, last = jax.lax.while_loop(unfinished, newton, start)
-    return sine, cosine, last
-
-
-def _derivatives(
-    G: list[list[Lane]], D: list[list[Lane]], sine: list[Lane], cosine: list[Lane], angles: int
-) -> tuple[list[Lane], list[list[Lane]]]:
-    """Gradient of the sum of quotients by the pitch angles, and minus its Hessian (both over n)."""
-    count = len(sine)
-    mean = _total(sine) / count
-    s = [part - mean for part in sine]
-    first, first_half = _quotient(G, s, [[(i == j) - 1 / count for j in range(count)] for i in range(count)])
-    second, second_half = _quotient(D, cosine, [[float(i == j) for j in range(count)] for i in range(count)])
-    gradient = [2 * first[k] * cosine[k] - second[k] * sine[k] for k in range(count)]
-    hessian = []
-    for i in range(count):
-        row = []
-        for j in range(i + 1):
-            entry = -2 * cosine[i] * cosine[j] * first_half[i][j] - sine[i] * sine[j] * second_half[i][j]
-            if i == j:
-                entry = entry + 2 * first[i] * sine[i] + second[i] * cosine[i]
-            row.append(entry)
-        hessian.append(row)
-    return gradient, hessian
-
-
-def _quotient(A: list[list[Lane]], x: list[Lane], metric: list[list[float]]) -> tuple[list[Lane], list[list[Lane]]]:
-    """Halves of the gradient and of the Hessian of `x'Ax / x'x` (x already projected, `metric` the projector)."""
-    count = len(x)
-    inverse = 1.0 / _total(part * part for part in x)
-    product = [_total(A[i][j] * x[j] for j in range(count)) for i in range(count)]
-    quotient = _total(part * other for part, other in zip(x, product, strict=True)) * inverse
-    r = [(product[i] - quotient * x[i]) * inverse for i in range(count)]
-    half = [
-        [
-            (A[i][j] - quotient * metric[i][j]) * inverse - 2 * inverse * (x[i] * r[j] + r[i] * x[j])
-            for j in range(i + 1)
-        ]
-        for i in range(count)
-    ]
-    return r, half
-
-
-def _less(lane: Lane, terms: Iterable[Lane]) -> Lane:
-    """`lane` less the terms, one after the other."""
-    return functools.reduce(operator.sub, terms, lane)
-
-
-def _cholesky_solve(matrix: list[list[Lane]], right: list[Lane]) -> list[Lane]:
-    """Solve with a positive definite matrix given by its lower triangle; not a number where it is not definite."""
-    count = len(right)
-    lower: list[list[Lane]] = []
-    inverse: list[Lane] = []
-    for i in range(count):
-        row: list[Lane] = []
-        for j in range(i):
-            row.append(_less(matrix[i][j], (row[m] * lower[j][m] for m in range(j))) * inverse[j])
-        inverse.append(jax.lax.rsqrt(_less(matrix[i][i], (part * part for part in row))))
-        lower.append(row)
-    y: list[Lane] = []
-    for i in range(count):
-        y.append(_less(right[i], (lower[i][m] * y[m] for m in range(i))) * inverse[i])
-    x = list(y)
-    for i in reversed(range(count)):
-        x[i] = _less(y[i], (lower[m][i] * x[m] for m in range(i + 1, count))) * inverse[i]
-    return x
-
-
-def _affine(
-    means: list[list[Lane]], waves: list[list[Lane]], centre: list[Lane], sine: list[Lane], cosine: list[Lane]
-) -> tuple[list[list[Lane]], list[Lane]]:
-    """The matrix M (rows: sensor axes) and the bias at given pitch angles."""
-    count = len(sine)
-    middle = _total(sine) / count
-    s = [part - middle for part in sine]
-    by_mean = 1.0 / _total(part * part for part in s)
-    by_wave = 1.0 / _total(part * part for part in cosine)
-    slope = [_total(s[k] * means[k][a] for k in range(count)) * by_mean for a in range(3)]
-    wave = [_total(cosine[k] * waves[k][column] for k in range(count)) * by_wave for column in range(6)]
-    matrix = [[-slope[a], wave[2 * a], wave[2 * a + 1]] for a in range(3)]
-    return matrix, [centre[a] - slope[a] * middle for a in range(3)]
+    residual = measured - _harmonics(matrix, bias, sine, cosine)
+    level, sines, cosines = (residual * residual).sum(axis=(0, 2))
+    squares = angles * level + 0.5 * angles * (sines + cosines)
+    estimates = [*values[:3], *bias, *values[3:], *dbeta]
+    finite = jnp.isfinite(functools.reduce(operator.add, estimates, squares))
+    return HarmonicFits(jnp.stack(estimates), squares, finite & proper & (last < LAST_STEP))
 
 
 def nominal_harmonics(
     values: Float[Array, "free lanes"], pitch: Float[np.ndarray, " settings"]
 ) -> Float[Array, "settings 3 3 lanes"]:
     """Harmonics of the nominal chain at parameters (dK, bias, dtheta, gamma, dbeta): setting, harmonic, axis, trial."""
-    dK, bias, angles, (g21, g31, g32) = values[0:3], values[3:6], values[6:9], values[9:12]
-    (sx, sy, sz), (cx, cy, cz) = jnp.sin(angles), jnp.cos(angles)
-    rx = [cy * cz, cy * sz, -sy]
-    ry = [sx * sy * cz - cx * sz, sx * sy * sz + cx * cz, sx * cy]
-    rz = [cx * sy * cz + sx * sz, cx * sy * sz - sx * cz, cx * cy]
-    rows = [rx, [y + g21 * x for x, y in zip(rx, ry, strict=True)]]
-    rows.append([z + g31 * x + g32 * y for x, y, z in zip(rx, ry, rz, strict=True)])
-    M = [[(1.0 + dK[a]) * part for part in rows[a]] for a in range(3)]
-    settings = []
-    for k, beta in enumerate(pitch):
-        sine, cosine = jnp.sin(beta + values[12 + k]), jnp.cos(beta + values[12 + k])
-        means = jnp.stack([bias[a] - M[a][0] * sine for a in range(3)])
-        settings.append(jnp.stack([means, *(jnp.stack([M[a][h] * cosine for a in range(3)]) for h in (1, 2))]))
-    return jnp.stack(settings)
+    (sx, sy, sz), (cx, cy, cz) = jnp.sin(values[6:9]), jnp.cos(values[6:9])
+    x = _vector([cy * cz, cy * sz, -sy])
+    y = _vector([sx * sy * cz - cx * sz, sx * sy * sz + cx * cz, sx * cy])
+    z = _vector([cx * sy * cz + sx * sz, cx * sy * sz - sx * cz, cx * cy])
+    dK, bias, _, gamma = _lanes(values[:12]).reshape(4, 3)
+    rows = np.stack([x, y + gamma[:1] * x, z + gamma[1:2] * x + gamma[2:] * y])
+    beta = [b + values[12 + k] for k, b in enumerate(pitch)]
+    made = _harmonics((1.0 + dK)[:, None] * rows, bias, _vector(map(jnp.sin, beta)), _vector(map(jnp.cos, beta)))
+    return jnp.stack([jnp.stack([jnp.stack([*axes]) for axes in setting]) for setting in made])
 
 
-def _split(M: list[list[Lane]], bias: list[Lane]) -> tuple[list[Lane], Bool[Array, " lanes"]]:
-    """The factors of `M = diag(1 + dK) T R` (see `closed_form.split`): dK, bias, dtheta, gamma; and whether det M > 0."""
+def _vector(parts: Iterable[Lane]) -> Lanes:
+    return np.fromiter(parts, object)
 
-    def dot(a, b):
-        return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
-    def less(a, factor, b):
-        return [x - factor * y for x, y in zip(a, b, strict=True)]
+def _lanes(values: Float[Array, "*shape lanes"]) -> Lanes:
+    """The leading axes of an array."""
+    return _vector(values.reshape(-1, values.shape[-1])).reshape(values.shape[:-1])
 
-    scale_x = jnp.sqrt(dot(M[0], M[0]))
-    rx = [part / scale_x for part in M[0]]
-    yx = dot(M[1], rx)
-    rest = less(M[1], yx, rx)
-    scale_y = jnp.sqrt(dot(rest, rest))
-    ry = [part / scale_y for part in rest]
-    rz = [rx[1] * ry[2] - rx[2] * ry[1], rx[2] * ry[0] - rx[0] * ry[2], rx[0] * ry[1] - rx[1] * ry[0]]
-    zx, zy, scale_z = dot(M[2], rx), dot(M[2], ry), dot(M[2], rz)
+
+def _sum(vector: Lanes) -> Lanes:
+    """The sum as a vector of one entry: JAX does not multiply an array of objects by a lane."""
+    return vector.sum(axis=0, keepdims=True)
+
+
+def _symmetric(matrix: Lanes) -> Lanes:
+    """The matrix by its lower triangle: no entry is computed twice."""
+    return np.where(np.tri(len(matrix), dtype=bool), matrix, matrix.T)
+
+
+def _harmonics(matrix: Lanes, bias: Lanes, sine: Lanes, cosine: Lanes) -> Lanes:
+    """Harmonics (setting, harmonic, axis) by the matrix M (rows: sensor axes), the bias and the pitch angles."""
+    means = bias - matrix[:, 0] * sine[:, None]
+    return np.concatenate([means[:, None], matrix.T[1:] * cosine[:, None, None]], axis=1)
+
+
+def _pitch_angles(G: Lanes, D: Lanes, pitch: Float[np.ndarray, " settings"]) -> tuple[Lanes, Lanes, Lane]:
+    """Sines and cosines of the pitch angles that maximise the two quotients, and the length of the last step."""
+    nothing = jnp.zeros_like(G[0, 0])
+
+    def unfinished(state):
+        count, _, _, last = state
+        return (count < MOST_STEPS) & jnp.any(last >= LAST_STEP)
+
+    def newton(state):
+        count, sine, cosine, _ = state[0], _vector(state[1]), _vector(state[2]), state[3]
+        step = _solved(*_derivatives(G, D, sine, cosine))
+        longest = functools.reduce(jnp.maximum, map(jnp.abs, step))
+        half = 0.5 * jnp.minimum(1.0, LONGEST_STEP / jnp.maximum(longest, 1e-300))
+        t = step * _vector([half])
+        scale = 1.0 / (1.0 + t * t)
+        c, s = (1.0 - t * t) * scale, 2.0 * t * scale
+        return count + 1, [*(sine * c + cosine * s)], [*(cosine * c - sine * s)], longest
+
+    start = ([nothing + part for part in values] for values in (np.sin(pitch), np.cos(pitch)))
+    _, sine, cosine, last = jax.lax.while_loop(unfinished, newton, (jnp.zeros((), int), *start, nothing + 1.0))
+    return _vector(sine), _vector(cosine), last
+
+
+def _derivatives(G: Lanes, D: Lanes, sine: Lanes, cosine: Lanes) -> tuple[Lanes, Lanes]:
+    """Minus the Hessian of the sum of quotients by the pitch angles, and its gradient (both over n)."""
+    unit, centred = np.eye(len(sine)), np.eye(len(sine)) - 1 / len(sine)
+    first, first_half = _quotient(G, sine - _sum(sine) * (1 / len(sine)), centred)
+    second, second_half = _quotient(D, cosine, unit)
+    hessian = -2 * cosine[:, None] * cosine * first_half - sine[:, None] * sine * second_half
+    hessian[np.diag_indices(len(sine))] += 2 * first * sine + second * cosine
+    return _symmetric(hessian), 2 * first * cosine - second * sine
+
+
+def _quotient(A: Lanes, x: Lanes, metric: np.ndarray) -> tuple[Lanes, Lanes]:
+    """Halves of the gradient and of the Hessian of `x'Ax / x'x` (x already projected, `metric` the projector)."""
+    inverse, product = 1.0 / _sum(x * x), A @ x
+    quotient = _sum(x * product) * inverse
+    r = (product - quotient * x) * inverse
+    return r, (A - quotient * metric) * inverse - 2 * inverse * (x[:, None] * r + r[:, None] * x)
+
+
+def _solved(matrix: Lanes, right: Lanes) -> Lanes:
+    """Solve with a positive definite matrix by elimination; not a number where it is not definite."""
+    size = len(right)
+    factor, inverse = matrix.copy(), matrix.diagonal().copy()
+    for k in range(size):
+        for j in range(k):
+            factor[k, j] = functools.reduce(operator.sub, factor[k, :j] * factor[j, :j], factor[k, j]) * inverse[j]
+        inverse[k] = jax.lax.rsqrt(functools.reduce(operator.sub, factor[k, :k] * factor[k, :k], factor[k, k]))
+    solution = right.copy()
+    for k in range(size):
+        solution[k] = functools.reduce(operator.sub, factor[k, :k] * solution[:k], solution[k]) * inverse[k]
+    for k in reversed(range(size)):
+        solution[k] = functools.reduce(operator.sub, factor[k + 1 :, k] * solution[k + 1 :], solution[k]) * inverse[k]
+    return solution
+
+
+def _split(M: Lanes) -> tuple[Lanes, Bool[Array, " lanes"]]:
+    """The factors of `M = diag(1 + dK) T R` (see `closed_form.split`): dK, dtheta, gamma; and whether det M > 0."""
+    x = M[0] * (1.0 / _length(M[0]))
+    across = M[1] - _sum(M[1] * x) * x
+    y = across * (1.0 / _length(across))
+    z = x[[1, 2, 0]] * y[[2, 0, 1]] - x[[2, 0, 1]] * y[[1, 2, 0]]
+    lower = M @ np.stack([x, y, z]).T
+    scale = lower.diagonal()
     dtheta = [
-        jnp.arctan2(ry[2], rz[2]),
-        jnp.arctan2(-rx[2], jnp.sqrt(rx[0] * rx[0] + rx[1] * rx[1])),
-        jnp.arctan2(rx[1], rx[0]),
+        jnp.arctan2(y[2], z[2]),
+        jnp.arctan2(-x[2], jnp.sqrt(x[0] * x[0] + x[1] * x[1])),
+        jnp.arctan2(x[1], x[0]),
     ]
-    dK = [scale_x - 1.0, scale_y - 1.0, scale_z - 1.0]
-    return [*dK, *bias, *dtheta, yx / scale_y, zx / scale_z, zy / scale_z], scale_z > 0
+    gamma = lower[[1, 2, 2], [0, 0, 1]] / scale[[1, 2, 2]]
+    return np.concatenate([scale - 1.0, _vector(dtheta), gamma]), scale[2] > 0
 
 
-def _sum_of_squares(harmonics: Array, across, offset, sine, cosine, angles: int) -> Lane:
-    """Weighted sum of squares of the harmonics' residuals: n for means, n/2 for amplitudes."""
-    total = jnp.zeros_like(sine[0])
-    for k in range(len(sine)):
-        level = _total((harmonics[k, 0, a] - offset[a] + across[a][0] * sine[k]) ** 2 for a in range(3))
-        amplitude = _total((harmonics[k, h, a] - across[a][h] * cosine[k]) ** 2 for a in range(3) for h in (1, 2))
-        total = total + angles * level + 0.5 * angles * amplitude
-    return total
+def _length(vector: Lanes) -> Lanes:
+    return _vector(map(jnp.sqrt, _sum(vector * vector)))

@@ -21,7 +21,7 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.programs import compiler_options
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
-from tumblecal.simulation.blocks import block_program, blocks_of, in_turn
+from tumblecal.simulation.blocks import MANY_BLOCKS, blocks_of, fits_of_block, in_turn
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment_of
 from tumblecal.simulation.samplers import Sampler
 
@@ -145,9 +145,8 @@ def fit_many(
         ((2000, 15), True)
     """
     one = experiment_of(problem, path=path)
-    known = sum(getattr(readings, "shape", ())[:1]) // BLOCK
-    count, program = len(problem.readings), block_program(one, known)
-    sizes: list[int] = []
+    count, sizes = len(problem.readings), list[int]()
+    many = sum(getattr(readings, "shape", ())[:1]) // BLOCK > MANY_BLOCKS
 
     def blocks() -> Iterator[np.ndarray]:
         for block in blocks_of(readings, problem.chain, count):
@@ -155,10 +154,12 @@ def fit_many(
             # A copy: JAX may use an array's memory as it is, and a generator may write its next part into it.
             yield np.concatenate([block, np.repeat(block[-1:], BLOCK - len(block), axis=0)])
 
+    def program(block: Array) -> tuple[Array, Array, Array]:
+        return fits_of_block(one, block, optimised=many or len(sizes) > MANY_BLOCKS)
+
     results = list(in_turn(program, blocks(), devices))
     parts = [[part[:size] for part in result] for result, size in zip(results, sizes, strict=True)]
-    if not parts:
-        parts = [[np.zeros((0, len(problem.chain.names))), np.zeros(0), np.zeros(0, bool)]]
+    parts = parts or [[np.zeros((0, len(problem.chain.names))), np.zeros(0), np.zeros(0, bool)]]
     values, chi2, converged = map(np.concatenate, zip(*parts, strict=True))
     return _many(problem, one, values, chi2, converged)
 

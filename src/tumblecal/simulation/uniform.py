@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int
 from tumblecal.estimation import closed_form
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
+from tumblecal.simulation.harmonic_fit import fit_harmonics
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,17 @@ class UniformPlan:
         basis = self.analysis.transpose(0, 2, 1) * self.weights
         flat = jnp.einsum("knh,khal->knal", basis, harmonics).reshape(self.rows.size, axes, lanes)
         return flat[np.argsort(self.rows.ravel())]
+
+
+def fits_by_harmonics(
+    plan: UniformPlan, sd: float | Array, readings: Float[Array, "positions 3 lanes"]
+) -> tuple[Array, Array, Array]:
+    """Values (free, lanes), sums of squares and convergence of the nominal chain, from readings of this sd, g; what the
+    harmonics do not describe completes the sums of squares."""
+    harmonics = plan.harmonics(readings)
+    fits = fit_harmonics(harmonics, plan.pitch, plan.angles)
+    rest = jnp.sum((readings - plan.synthesis(harmonics)) ** 2, axis=(0, 1))
+    return fits.values, (fits.sum_of_squares + rest) / sd**2, fits.converged
 
 
 def uniform_plan(
