@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from tumblecal.data.cells import labels_in
 from tumblecal.data.faults import Faults
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.decimal_marks import has_decimal_comma, pointed
