@@ -171,14 +171,15 @@ class Calibration(Shown):
     def _triad(self, degc: Float[np.ndarray, " rows"] | None) -> Triad:
         """The linear correction of rows at these temperatures."""
         if self.temperature is None or degc is None:
-            return Triad(self.matrix, self.bias)
+            return Triad(self.matrix, self.bias, np.diag(np.linalg.inv(self.matrix)))
         reference, changes = self._sensor.of(SENSOR).values, self.temperature.at(degc)
-        matrix = self.matrix @ triad_of(reference) @ np.linalg.inv(triad_of(reference + changes))
-        return Triad(matrix, self.bias + changes[:, 3:6])
+        values = reference + changes
+        matrix = self.matrix @ triad_of(reference) @ np.linalg.inv(triad_of(values))
+        return Triad(matrix, self.bias + changes[:, 3:6], 1 + values[:, :3])
 
     def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
         """Matrix and bias applied to readings in g, without the terms and the curves of temperature."""
-        return Triad(self.matrix, self.bias).force(readings)
+        return (readings - self.bias) @ self.matrix.T
 
     def corrected(
         self,
@@ -195,8 +196,8 @@ class Calibration(Shown):
         - `temperature_degc`, `time_s`: of each row, or one for all rows; required if curves or a term depend on it.
         - `extrapolate`: whether temperatures may be outside the measured range of the curves.
 
-        **Raises:** `InputError` as `calibration_extended.corrected` does, for an invalid term, and for temperatures that are not
-        numbers or outside the range of curves.
+        **Raises:** `InputError` as `calibration_extended.corrected` does, an invalid term, and temperatures that are not numbers or
+        outside the range of curves.
         """
         if self.temperature is not None and temperature_degc is not None:
             self.temperature.require_range(np.atleast_1d(np.asarray(temperature_degc, float)), extrapolate=extrapolate)

@@ -39,7 +39,7 @@ def number_in(cell: object, column: str = "") -> tuple[float, str]:
     if isinstance(cell, str):
         cell = cell.strip()
     if cell is None or cell == "":
-        return math.nan, "the cell is empty; write a number or remove the whole column"
+        return math.nan, "the cell is empty; write a number, or remove the row or the whole column"
     try:
         # Python would read 10_00 as 1000.
         value = None if isinstance(cell, str) and "_" in cell else float(cell)  # type: ignore[arg-type]

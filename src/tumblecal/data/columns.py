@@ -125,7 +125,10 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         source=table.source,
         in_ms2=unit == "ms2",
         ignored=ignored,
-        **{name: numbers.get(name) for name in NUMERIC[2:]},
+        time_s=numbers.get("time_s"),
+        temperature_degc=numbers.get("temperature_degc"),
+        approach=numbers.get("approach"),
+        n=numbers.get("n"),
     )
 
 
@@ -179,7 +182,7 @@ def _check_names(table: Table, angles: tuple[str, ...], faults: Faults) -> None:
 
 
 def _size_words(size: float, to_g: float, unit: str) -> str:
-    """The fault of readings (size of gravity in g; `unit`: of the columns) with 1 g in a different unit; "" for another size."""
+    """The fault of readings with 1 g (`size`: in g) in another unit than that of the columns; "" for other sizes."""
     away = {name: abs(np.log(size / to_g / one_g)) for name, one_g in _ONE_G.items()}
     nearest = min(away, key=lambda name: away[name])
     if nearest == unit or away[nearest] > min(np.log(2.0), abs(np.log(size / power_of_two(size)))):

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 Rows = Float[np.ndarray, " positions"]
 # Columns of a set: labels and numbers that need not be recorded; and all of them.
 LABELS, NUMBERS = ("run", "mount", "clock", "recorded_noise"), ("time_s", "temperature_degc", "approach", "n")
+# This many consecutive rows of one name and setting are samples of one dwell.
+_LIKE_SAMPLES = 16
 COLUMNS = ("names", "alpha_deg", "beta_deg", "readings", "sd", *LABELS, *NUMBERS)
 
 
@@ -141,8 +143,10 @@ class PositionSet(Shown):
             raise InputError(f"unit 'rad', but beta is up to {np.max(np.abs(angles[1])):.4g}: state unit=\"deg\"")
         if unit == "deg" and any(look_like_radians(angle) for angle in angles if len(np.unique(angle)) > 2):
             raise InputError("unit 'deg', but the angles look like radians: state unit=\"rad\"")
-        numbers = {"time_s": time_s, "temperature_degc": temperature_degc, "approach": approach, "n": n}
-        labels = {"run": run, "mount": mount}
+        given = {"time_s": time_s, "temperature_degc": temperature_degc, "approach": approach, "n": n}
+        columns: dict[str, Any] = {
+            name: np.asarray(column, float) for name, column in given.items() if column is not None
+        }
         alpha_deg, beta_deg = angles if unit == "deg" else map(np.degrees, angles)
         return cls(
             names=tuple(map(str, range(1, len(values) + 1))) if names is None else tuple(names),
@@ -150,21 +154,23 @@ class PositionSet(Shown):
             beta_deg=beta_deg,
             readings=values,
             sd=None if sd is None else np.broadcast_to(np.asarray(sd, float), values.shape).copy(),
+            run=None if run is None else tuple(run),
+            mount=None if mount is None else tuple(mount),
             comments=dict(comments or {}),
             source=source,
-            **{name: tuple(given) for name, given in labels.items() if given is not None},
-            **{name: np.asarray(given, float) for name, given in numbers.items() if given is not None},
+            **columns,
         )
 
     def _faults(self) -> Iterator[str]:
         count = len(self.names)
         for name in COLUMNS[1:]:
-            values, shape = getattr(self, name), (count, 3) if name in ("readings", "sd") else (count,)
+            values = getattr(self, name)
+            shape = (count, 3) if name in ("readings", "sd") else (count,)
             if values is None and name not in COLUMNS[:4]:
                 continue
             if name in LABELS:
-                if len(values) != count:
-                    yield f"{self.source}: {name} has {len(values)} labels; it must have {count}, one for each name"
+                if count != (number := len(values or ())):
+                    yield f"{self.source}: {name} has {number} labels; it must have {count}, one for each name"
             elif not isinstance(values, np.ndarray):
                 kind = type(values).__name__
                 yield f"{self.source}: {name} is of type {kind}; it must be a numpy array (from_arrays takes others)"
@@ -270,6 +276,11 @@ class PositionSet(Shown):
     def stretches(self) -> int:
         """Number of stretches of consecutive rows with the same name and angles."""
         return len(stretches([np.array(self.names, dtype=object), self.alpha_deg, self.beta_deg]))
+
+    @property
+    def of_samples(self) -> bool:
+        """Whether the rows are samples of dwells, not means."""
+        return len(self) >= _LIKE_SAMPLES * self.stretches
 
     @property
     def runs(self) -> tuple[str, ...]:

@@ -122,7 +122,9 @@ class Raw:
             if wrong:
                 raise InputError(f"{self.place(row)}: {wrong}")
             more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-            words = number_in(cell, name)[1] or f"{shown(cell)} is not a number; write numbers"
+            words = (
+                number_in(cell, name)[1] or f"{shown(cell)} is not a number here; write numbers with one decimal mark"
+            )
             raise InputError(f"{self.place(row)}, column {name}: {words}{more}")
         if name == _TEMPERATURE and len(values) and (wrong := beyond_words(name, values.min())):
             raise InputError(f"{self.place(int(values.argmin()))}, column {name}: {wrong}")

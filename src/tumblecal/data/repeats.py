@@ -35,8 +35,6 @@ _UNEQUAL = 2.0
 
 
 _MOST_COPIES = 3
-# This many consecutive rows of one name and setting are samples of one dwell.
-_LIKE_SAMPLES = 16
 
 
 @dataclass(frozen=True)
@@ -198,7 +196,7 @@ def position_notes(data: PositionSet) -> list[str]:
 
     **Raises:** `InputError` for raw samples.
     """
-    if len(data) >= _LIKE_SAMPLES * data.stretches:
+    if data.of_samples:
         reduced = Path("reduced")
         raise InputError(
             f"{data.source}: {len(data)} rows, but only {counted(data.stretches, 'stretch')} of one position each, so these "

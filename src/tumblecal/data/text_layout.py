@@ -58,7 +58,7 @@ class TextLayout:
         return words + (f", first row in line {self.first_line}" if self.first_line > 1 else ", no header line")
 
     def pieces(self) -> Iterator[tuple[int, bytes]]:
-        """Lines from the first row on, with the number of the first line of each piece, without quotation marks around cells."""
+        """Lines from the first row on, without marks around quoted cells, and the number of the first one in each piece."""
         line = self.first_line
         for piece in with_whole_cells(pieces_of(self.path, line)):
             converted = self.form.applied(piece) if self.form else piece

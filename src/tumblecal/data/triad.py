@@ -15,15 +15,16 @@ class Triad:
     """Matrix and bias of `f = matrix (A - bias)`: for all rows, (3, 3) and (3,), or for each, (rows, 3, 3) and (rows, 3).
 
     The inputs along the sensitive axes are `u = T f`, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1] in the triad's frame.
+    `scale`: 1 + dK; of a matrix in the triad's frame the diagonal of its inverse.
     """
 
     matrix: Float[np.ndarray, "*rows 3 3"]
     bias: Float[np.ndarray, "*rows 3"]
+    scale: Float[np.ndarray, "*rows 3"]
 
     @cached_property
     def _axes(self) -> Float[np.ndarray, "*rows 3 3"]:
-        lower = np.linalg.inv(self.matrix)
-        return lower / np.diagonal(lower, axis1=-2, axis2=-1)[..., None]
+        return np.linalg.inv(self.matrix) / self.scale[..., None]
 
     def force(self, readings: Rows) -> Rows:
         """Specific force from readings, g."""

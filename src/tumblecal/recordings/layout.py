@@ -6,7 +6,7 @@ Values check a choice by names, and order the proposals of a question.
 import re
 import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
@@ -14,21 +14,20 @@ from numpy.typing import NDArray
 
 from tumblecal.data.cells import advice
 from tumblecal.data.column_names import FORCE, NUMBERS, RATE, STATES, Name, parsed, role_of
-from tumblecal.data.table import DIFFERENT_UNITS
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.option_texts import pairs
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.clock import clock_among, clock_with_unit, rises
-from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, is_number
+from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns
 from tumblecal.recordings.guesses import question
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
-from tumblecal.recordings.units import PER_G, may_be_gravity, signed_words, size_of, stated_unit, unit_by_size
+from tumblecal.recordings.units import PER_G, may_be_gravity, scaled, signed_words, size_of, with_units
 
 
 # Lengths that change less are computed (a unit vector); sizes below this share of gravity have none.
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
+_AXES = ("xyz", "012", "123")
 _MOST_SHOWN, _MOST_COLUMNS, _MOST_DISPERSION = 4, 40, 0.05
 _WITHOUT = (
     "accelerations along axes of the Earth, or without the size of gravity: no calibration is possible from them. Record the "
@@ -86,7 +85,7 @@ def layout_of(
         raise question(path, words, [COLUMNS_OPTION])
     if only is not None:
         columns = {role: column for role, column in columns.items() if role in only or column.why == "option"}
-    columns = _scaled(_readable(table, first, columns, path, notes), options)
+    columns = scaled(_readable(table, first, columns, path, notes), options)
     values = np.stack([columns[role].numbers(first) for role in FORCE], axis=1)
     names = [columns[role].name for role in FORCE]
     sizes = size_of(values)
@@ -95,7 +94,7 @@ def layout_of(
     if not options.signed and (words := signed_words(names, values)):
         raise InputError(f"{path}: {words}")
     fractions = (values != np.round(values)) & np.isfinite(values)
-    columns, per_g = _with_units(table, columns, options, notes, sizes, path, whole=not fractions.any())
+    columns, per_g = with_units(table, columns, options, notes, sizes, path, whole=not fractions.any())
     if "time" in columns:
         clock = clock_with_unit(table, first, columns.pop("time"), free(), options, path, notes)
         columns |= {"time": clock} if clock else {}
@@ -142,9 +141,6 @@ def _triples(columns: Sequence[str], readings: Readings) -> list[_Triple]:
     ]
     threes.sort(key=lambda three: columns.index(three[0]))
     return [_Triple(three, parsed(three[0]), *size_of(readings(three))) for three in threes]
-
-
-_AXES = ("xyz", "012", "123")
 
 
 def _chosen(
@@ -205,7 +201,7 @@ def _proposals(columns: Sequence[str], free: Sequence[str], readings: Readings) 
     option for a column of times."""
     values = readings(free)
     steps = np.diff(values, axis=0)
-    falling, rising = (steps < 0).any(0), (steps > 0).all(0) & (steps != 1).any(0)
+    falling, rising = np.any(steps < 0, axis=0), np.all(steps > 0, axis=0) & np.any(steps != 1, axis=0)
     found = [
         _Triple(tuple(free[k : k + 3]), Name(), *size_of(values[:, k : k + 3]))
         for k in range(len(free) - 2)
@@ -242,80 +238,3 @@ def _readable(
         notes += [f"{words}; ignored as {role}"] * bool(cell)
         del found[role]
     return found
-
-
-def _scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[str, Column]:
-    """The columns with the scales, offsets and bits of the options."""
-    axes = (*FORCE, *RATE)
-    found = {role: replace(one, bits=options.signed or 0) if role in axes else one for role, one in columns.items()}
-    for option, text in (("scale", options.scale), ("offset", options.offset)):
-        one_for_all = dict.fromkeys(FORCE, text) if text else {}
-        for role, number in (pairs(f"--{option}", text, "ax=0.5,ay=0.4") if "=" in text else one_for_all).items():
-            value = float(number) if is_number(number) else np.nan
-            if role not in found:
-                raise InputError(f"--{option}: {role} is not among the columns; there are {', '.join(columns)}")
-            if not np.isfinite(value) or (option == "scale" and not value):
-                cure = "not a finite number (a scale: other than 0); write 0.5, or ax=0.5,ay=0.4"
-                raise InputError(f"--{option} {text}: {cure}")
-            found[role] = replace(found[role], **{option: value})
-    return found
-
-
-def _with_units(
-    table: Table,
-    columns: Mapping[str, Column],
-    options: RecordingOptions,
-    notes: list[str],
-    sizes: tuple[float, float, float],
-    path: str,
-    *,
-    whole: bool,
-) -> tuple[dict[str, Column], float | None]:
-    """The columns with the units of accelerations and rates: by option, by name or format, or the one in which the size of the
-    accelerations is about one g. Rates in counts remain counts unless the counts for one deg/s are known.
-
-    **Arguments:**
-
-    - `sizes`: as of `size_of`. `whole`: whether the accelerations are whole numbers.
-
-    **Returns:** the columns, and the counts for one g if the accelerations are counts and it is known.
-
-    **Raises:** `InputError` for an unknown unit, or if the names of the axes state different ones.
-    """
-    (size, changes, dispersion), stated = sizes, dict[str, tuple[str, float | None, str]]()
-    for roles, given, option, letter in (
-        (FORCE, options.unit, "--unit", "a"),
-        (RATE, options.gyro_unit, "--gyro-unit", "g"),
-    ):
-        there = [columns[role] for role in roles if role in columns]
-        named = list(dict.fromkeys(column.unit for column in there if column.unit))
-        unit, per, why = next(iter(named), ""), None, "name"
-        if given:
-            (unit, per), why = stated_unit(given, option), "option"
-        elif len(named) > 1:
-            raise InputError(f"{path}: {', '.join(column.name for column in there)} {DIFFERENT_UNITS}")
-        elif unit in ("", "counts"):
-            per = table.per_unit.get(letter) if letter == "g" or not options.scale else None
-            why = "format" if per else "not known"
-        stated[letter] = unit, per, why
-    unit, per_g, why = stated["a"]
-    if why == "not known":
-        near = unit_by_size(size, without_bias=dispersion < changes, whole=whole) if np.isfinite(dispersion) else ""
-        if unit and "counts_per_g" in table.stated:
-            per_g, why = float(table.stated["counts_per_g"]), "file"
-        elif near and (not unit or near.endswith("/g")):
-            (unit, per_g), why = stated_unit(near, "--unit"), "size"
-            notes.append(f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)")
-    unit = unit or "counts"
-    rate, per_dps, rate_why = stated["g"]
-    if {*RATE} & {*columns} and not rate and rate_why in ("format", "not known"):
-        notes.append("unit of the angular rates not known: not converted (to set it: --gyro-unit)")
-    rate = "dps" if per_dps else rate or ("counts" if unit == "counts" else "raw")
-    found = dict(columns)
-    for role in filter(columns.__contains__, (*FORCE, *RATE)):
-        column = columns[role]
-        if role in FORCE:
-            found[role] = replace(column, unit=unit, unit_why=why)
-        else:
-            found[role] = replace(column, unit=rate, unit_why=rate_why, scale=column.scale / (per_dps or 1.0))
-    return found, per_g

@@ -1,13 +1,21 @@
 """The size of gravity in readings, and the units of accelerations and angular rates by option or by this size."""
 
 import re
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.data.column_names import FORCE, RATE
 from tumblecal.data.gravity_size import sphere_of
+from tumblecal.data.table import DIFFERENT_UNITS
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS_PER_G
+from tumblecal.ground.option_texts import pairs
+from tumblecal.recordings.columns import Column, is_number
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.table import Table
 
 
 # For each option the unit as this program writes it, by the units as a user writes them.
@@ -44,6 +52,83 @@ def stated_unit(text: str, option: str) -> tuple[str, float | None]:
     if plain not in known and not counts:
         raise InputError(f"{option} {text}: not a unit; write {', '.join(known)}, or counts such as 16384/{of}")
     return known.get(plain, "counts"), float(counts[1]) if counts and counts[1] else None
+
+
+def scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[str, Column]:
+    """The columns with the scales, offsets and bits of the options."""
+    axes = (*FORCE, *RATE)
+    found = {role: replace(one, bits=options.signed or 0) if role in axes else one for role, one in columns.items()}
+    for option, text in (("scale", options.scale), ("offset", options.offset)):
+        one_for_all = dict.fromkeys(FORCE, text) if text else {}
+        for role, number in (pairs(f"--{option}", text, "ax=0.5,ay=0.4") if "=" in text else one_for_all).items():
+            value = float(number) if is_number(number) else np.nan
+            if role not in found:
+                raise InputError(f"--{option}: {role} is not among the columns; there are {', '.join(columns)}")
+            if not np.isfinite(value) or (option == "scale" and not value):
+                cure = "not a finite number (a scale: other than 0); write 0.5, or ax=0.5,ay=0.4"
+                raise InputError(f"--{option} {text}: {cure}")
+            found[role] = replace(found[role], **{option: value})
+    return found
+
+
+def with_units(
+    table: Table,
+    columns: Mapping[str, Column],
+    options: RecordingOptions,
+    notes: list[str],
+    sizes: tuple[float, float, float],
+    path: str,
+    *,
+    whole: bool,
+) -> tuple[dict[str, Column], float | None]:
+    """The columns with the units of accelerations and rates: by option, by name or format, or the one in which the size of the
+    accelerations is about one g. Rates in counts remain counts unless the counts for one deg/s are known.
+
+    **Arguments:**
+
+    - `sizes`: as of `size_of`. `whole`: whether the accelerations are whole numbers.
+
+    **Returns:** the columns, and the counts for one g if the accelerations are counts and it is known.
+
+    **Raises:** `InputError` for an unknown unit, or if the names of the axes state different ones.
+    """
+    (size, changes, dispersion), stated = sizes, dict[str, tuple[str, float | None, str]]()
+    for roles, given, option, letter in (
+        (FORCE, options.unit, "--unit", "a"),
+        (RATE, options.gyro_unit, "--gyro-unit", "g"),
+    ):
+        there = [columns[role] for role in roles if role in columns]
+        named = list(dict.fromkeys(column.unit for column in there if column.unit))
+        unit, per, why = next(iter(named), ""), None, "name"
+        if given:
+            (unit, per), why = stated_unit(given, option), "option"
+        elif len(named) > 1:
+            raise InputError(f"{path}: {', '.join(column.name for column in there)} {DIFFERENT_UNITS}")
+        elif unit in ("", "counts"):
+            per = table.per_unit.get(letter) if letter == "g" or not options.scale else None
+            why = "format" if per else "not known"
+        stated[letter] = unit, per, why
+    unit, per_g, why = stated["a"]
+    if why == "not known":
+        near = unit_by_size(size, without_bias=dispersion < changes, whole=whole) if np.isfinite(dispersion) else ""
+        if unit and "counts_per_g" in table.stated:
+            per_g, why = float(table.stated["counts_per_g"]), "file"
+        elif near and (not unit or near.endswith("/g")):
+            (unit, per_g), why = stated_unit(near, "--unit"), "size"
+            notes.append(f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)")
+    unit = unit or "counts"
+    rate, per_dps, rate_why = stated["g"]
+    if {*RATE} & {*columns} and not rate and rate_why in ("format", "not known"):
+        notes.append("unit of the angular rates not known: not converted (to set it: --gyro-unit)")
+    rate = "dps" if per_dps else rate or ("counts" if unit == "counts" else "raw")
+    found = dict(columns)
+    for role in filter(columns.__contains__, (*FORCE, *RATE)):
+        column = columns[role]
+        if role in FORCE:
+            found[role] = replace(column, unit=unit, unit_why=why)
+        else:
+            found[role] = replace(column, unit=rate, unit_why=rate_why, scale=column.scale / (per_dps or 1.0))
+    return found, per_g
 
 
 def unit_by_size(size: float, *, without_bias: bool = False, whole: bool = True) -> str:
