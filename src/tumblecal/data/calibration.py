@@ -196,8 +196,8 @@ class Calibration(Shown):
         - `temperature_degc`, `time_s`: of each row, or one for all rows; required if curves or a term depend on it.
         - `extrapolate`: whether temperatures may be outside the measured range of the curves.
 
-        **Raises:** `InputError` as `calibration_extended.corrected` does, an invalid term, and temperatures that are not numbers or
-        outside the range of curves.
+        **Raises:** `InputError` as `calibration_extended.corrected` does, for an invalid term, and for temperatures outside the
+        range of curves.
         """
         if self.temperature is not None and temperature_degc is not None:
             self.temperature.require_range(np.atleast_1d(np.asarray(temperature_degc, float)), extrapolate=extrapolate)
