@@ -171,11 +171,17 @@ class Calibration(Shown):
     def _triad(self, degc: Float[np.ndarray, " rows"] | None) -> Triad:
         """The linear correction of rows at these temperatures."""
         if self.temperature is None or degc is None:
-            return Triad(self.matrix, self.bias, np.diag(np.linalg.inv(self.matrix)))
+            lower = np.linalg.inv(self.matrix)
+            return Triad(self.matrix, self.bias, lower / np.diag(lower)[:, None])
         reference, changes = self._sensor.of(SENSOR).values, self.temperature.at(degc)
-        values = reference + changes
-        matrix = self.matrix @ triad_of(reference) @ np.linalg.inv(triad_of(values))
-        return Triad(matrix, self.bias + changes[:, 3:6], 1 + values[:, :3])
+        values, rotation = reference + changes, self.matrix @ triad_of(reference)
+        scale = 1 + values[:, :3]
+        axes = triad_of(values) / scale[..., None]
+        # The inverse of T = 1 + N, N below the diagonal, is 1 - N + N N, with one number in N N.
+        inverse = 2 * np.eye(3) - axes
+        inverse[:, 2, 0] += axes[:, 2, 1] * axes[:, 1, 0]
+        inverse /= scale[:, None, :]
+        return Triad(rotation @ inverse, self.bias + changes[:, 3:6], axes @ np.linalg.inv(rotation))
 
     def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
         """Matrix and bias applied to readings in g, without the terms and the curves of temperature."""
