@@ -81,7 +81,7 @@ def test_a_cell_in_quotation_marks_may_go_over_lines(tmp_path):
     data = read_positions(written(tmp_path / "a.csv", HEADER, ROWS[0], '"b', 'of two",90,0,0.001,1.0,0.003', ROWS[2]))
     assert data.names == ("a", "b of two", "c")
     told = faults(written(tmp_path / "a.csv", HEADER, ROWS[0], '"b,90,0,0.001,1.0,0.003', "c,0,45,x,0.001,0.7"))
-    assert told == (f"{tmp_path / 'a.csv'}:line 3: unexpected end of data; check the quotation marks",)
+    assert told == (f"{tmp_path / 'a.csv'}:line 3: quotation marks within a cell; check the quotation marks",)
 
 
 @pytest.mark.parametrize("own", [False, True])

@@ -106,9 +106,6 @@ def test_the_calibration_at_one_temperature(root):
         np.testing.assert_allclose(at.bias, truth[3:6], rtol=0, atol=1e-15)
         assert at.temperature is None and at.temperature_degc == degc
         np.testing.assert_allclose(at.corrected(np.eye(3)), own.corrected(np.eye(3), degc), rtol=0, atol=1e-14)
-    step = 1e-3
-    slopes = (parameters_at([30 + step]) - parameters_at([30 - step])) / (2 * step)
-    np.testing.assert_allclose(own.temperature.slopes(np.array([30.0])), slopes, rtol=1e-7, atol=1e-12)
     assert replace(own, temperature=None).at(30.0).bias is own.bias
 
 

@@ -128,17 +128,17 @@ NO_ROWS = {
     "note": "1 cell, but the header has 4; complete the row or remove it",
     "ax_g,ay_g,az_g,id": "the names of the columns again; remove the line",
     "g,g,g,-": "a line of units, not a row; write # before it: the names of the columns state the units",
-    "0,0,,": "column az_g: the cell is empty; write a number or remove the row",
+    "0,0,,": "column az_g: the cell is empty; write a number, or remove the row or the whole column",
     "0,0,1,7,8": "5 cells, but the header has 4; remove the row",
-    "0,zero,1,7": "column ay_g: 'zero' is not a finite number",
+    "0,zero,1,7": "column ay_g: 'zero' is not a number",
 }
 FAULTS = {
     "\n".join(["# a: b", "ax_g,ay_g,az_g,id", *["0,0,1,7"] * 9, "", row, "0,0,1,7"]): ("log.csv:line 13", words)
     for row, words in NO_ROWS.items()
 }
 FAULTS |= {
-    "ax_g;ay_g;az_g\n0,1;0,2;1.000": ("line 2, column az_g: '1.000' is not a finite number", "decimal comma"),
-    "ax_g;ay_g;az_g\n" + "0.1;0;1\n" * 2000 + "0.1;0;1,5": ("line 2002, column az_g: '1,5' is not a finite number", ""),
+    "ax_g;ay_g;az_g\n0,1;0,2;1.000": ("line 2, column az_g: '1.000' is not a number", "one decimal mark"),
+    "ax_g;ay_g;az_g\n" + "0.1;0;1\n" * 2000 + "0.1;0;1,5": ("line 2002, column az_g", "use a decimal point"),
 }  # fmt: skip
 
 
@@ -160,4 +160,4 @@ def test_every_row_has_its_line(tmp_path_factory, lines, above):
     told = [number for number, line in enumerate(path.read_text().splitlines(), 1) if line[:2] == "0,"]
     read = read_raw(path)
     assert len(read.readings) == len(told)
-    assert read.places.tolist() == told
+    assert read.row_numbers.tolist() == told

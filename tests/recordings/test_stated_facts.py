@@ -14,12 +14,12 @@ from tumblecal.recordings.library import read_recording
 def test_a_time_since_the_start_of_a_device_is_no_date(begin_s, unit, scale, rate_hz):
     """Microseconds after 17 minutes look like seconds since 1970, but the rate does not; without a rate they are a question."""
     times = np.round((begin_s + np.arange(500) / rate_hz) / scale)
-    assert unit_of_times(times, "t", "", rate_hz, "log.csv")[0] == unit
+    assert unit_of_times(times, "t", rate_hz, "log.csv")[0] == unit
     if begin_s > 1e9:
-        assert unit_of_times(times, "t", "", None, "log.csv")[0] == unit
+        assert unit_of_times(times, "t", None, "log.csv")[0] == unit
         return
     with pytest.raises(InputError, match=rf"no unit of the times is stated.*--time-unit {unit} \({rate_hz:g} Hz\)"):
-        unit_of_times(times, "t", "", None, "log.csv")
+        unit_of_times(times, "t", None, "log.csv")
 
 
 def text(path, header, rows, form="%.6g"):

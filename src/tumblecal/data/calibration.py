@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration_extended import columns_needed, corrected
+from tumblecal.data.calibration_extended import corrected
 from tumblecal.data.calibration_file import (
     ORDER,
     UNITS_OF,
@@ -26,7 +26,7 @@ from tumblecal.data.not_applied import NotApplied, not_applied
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, of_matrix, triad_of
 from tumblecal.data.temperature_curves import TemperatureCurves
 from tumblecal.data.temperature_curves_file import StatedTemperature
-from tumblecal.data.triad_of_rows import ConstantTriad, TriadByTemperature
+from tumblecal.data.triad import Triad
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
@@ -36,6 +36,8 @@ from tumblecal.ground.strict_json import read_record
 
 
 SCHEMA = "tumblecal.calibration/1"
+# Keys of the file that are attributes of the calibration.
+_SAME = ("matrix", "bias", "covariance", "alignment", "temperature_degc", "serial_number", "provenance")
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,7 +107,9 @@ class Calibration(Shown):
     @property
     def columns_needed(self) -> tuple[str, ...]:
         """Columns that its curves and terms require in addition to the readings: `temperature_degc`, `time_s`."""
-        return columns_needed(self.terms, self.temperature)
+        thermal = self.temperature is not None or any(term.thermal for term in self.terms)
+        timed = any(term.per_hour for term in self.terms)
+        return (*["temperature_degc"] * thermal, *["time_s"] * timed)
 
     @property
     def not_applied(self) -> list[NotApplied]:
@@ -149,25 +153,39 @@ class Calibration(Shown):
             return self
         rows = np.array([float(degc)])
         curves.require_range(rows, extrapolate=extrapolate)
-        reference = self._sensor.of(SENSOR)
+        reference, triad = self._sensor.of(SENSOR), self._triad(rows)
         values = reference.values + curves.at(rows)[0]
         sensor = replace(reference, values=values, covariance=curves.covariance_at(degc, hysteresis=False), noise=None)
         sensor, slope = curves.with_hysteresis(sensor), correction_slope(values)
-        at_reference = degc == curves.reference_degc
         return replace(
             self,
-            matrix=self.matrix @ triad_of(reference.values) @ np.linalg.inv(triad_of(values)),
-            bias=self.bias + values[3:6] - reference.values[3:6],
+            matrix=triad.matrix[0],
+            bias=triad.bias[0],
             covariance=slope @ sensor.covariance @ slope.T,
             temperature_degc=float(degc),
-            parameters=curves.with_hysteresis(self._sensor) if at_reference else sensor,
+            parameters=curves.with_hysteresis(self._sensor) if degc == curves.reference_degc else sensor,
             extra={key: value for key, value in self.extra.items() if key != "covariance_with_terms"},
             temperature=None,
         )
 
+    def _triad(self, degc: Float[np.ndarray, " rows"] | None) -> Triad:
+        """The linear correction of rows at these temperatures."""
+        if self.temperature is None or degc is None:
+            lower = np.linalg.inv(self.matrix)
+            return Triad(self.matrix, self.bias, lower / np.diag(lower)[:, None])
+        reference, changes = self._sensor.of(SENSOR).values, self.temperature.at(degc)
+        values, rotation = reference + changes, self.matrix @ triad_of(reference)
+        scale = 1 + values[:, :3]
+        axes = triad_of(values) / scale[..., None]
+        # The inverse of T = 1 + N, N below the diagonal, is 1 - N + N N, with one number in N N.
+        inverse = 2 * np.eye(3) - axes
+        inverse[:, 2, 0] += axes[:, 2, 1] * axes[:, 1, 0]
+        inverse /= scale[:, None, :]
+        return Triad(rotation @ inverse, self.bias + changes[:, 3:6], axes @ np.linalg.inv(rotation))
+
     def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
         """Matrix and bias applied to readings in g, without the terms and the curves of temperature."""
-        return ConstantTriad(self.matrix, self.bias).force(readings)
+        return (readings - self.bias) @ self.matrix.T
 
     def corrected(
         self,
@@ -184,14 +202,12 @@ class Calibration(Shown):
         - `temperature_degc`, `time_s`: of each row, or one for all rows; required if curves or a term depend on it.
         - `extrapolate`: whether temperatures may be outside the measured range of the curves.
 
-        **Raises:** `InputError` as `calibration_extended.corrected` does.
+        **Raises:** `InputError` as `calibration_extended.corrected` does, for an invalid term, and for temperatures outside the
+        range of curves.
         """
-        triad = (
-            ConstantTriad(self.matrix, self.bias)
-            if self.temperature is None
-            else TriadByTemperature(self.matrix, self.bias, self._sensor.of(SENSOR), self.temperature)
-        )
-        return corrected(triad, self.terms, readings, temperature_degc, time_s, extrapolate=extrapolate)
+        if self.temperature is not None and temperature_degc is not None:
+            self.temperature.require_range(np.atleast_1d(np.asarray(temperature_degc, float)), extrapolate=extrapolate)
+        return corrected(self._triad, self.terms, self.columns_needed, readings, temperature_degc, time_s)
 
     @property
     def rows(self) -> list[list[str]]:
@@ -242,19 +258,13 @@ def calibration_text(calibration: Calibration) -> str:
     file = CalibrationFile.model_construct(
         schema=SCHEMA,
         equation="f = matrix (A - bias); f_fixture = alignment f",
-        matrix=calibration.matrix,
-        bias=calibration.bias,
-        covariance=calibration.covariance,
         covariance_order=[*ORDER],
-        alignment=calibration.alignment,
         units=UNITS_OF,
         gravity=StatedGravity.model_construct(**record_of(calibration.gravity)),
-        temperature_degc=calibration.temperature_degc,
-        serial_number=calibration.serial_number,
-        provenance=calibration.provenance,
         use=calibration.use if calibration.use.answer else None,
         parameters=calibration.parameters and StatedParameters.of(calibration.parameters),
         temperature=calibration.temperature and StatedTemperature.of(calibration.temperature),
+        **{name: getattr(calibration, name) for name in _SAME},
         **calibration.extra,
     )
     return json.dumps(file.model_dump(by_alias=True, exclude_unset=True), indent=1, allow_nan=False) + "\n"
@@ -288,16 +298,10 @@ def read_calibration(path: Path | str) -> Calibration:
     if parameters is not None:
         require_agreement(path, file, parameters)
     return Calibration(
-        matrix=file.matrix,
-        bias=file.bias,
-        covariance=file.covariance,
-        alignment=file.alignment,
-        temperature_degc=file.temperature_degc,
-        serial_number=file.serial_number,
         gravity=None if gravity is None or gravity.value_ms2 is None else Gravity(gravity.value_ms2, gravity.source),
-        provenance=file.provenance,
         parameters=parameters,
         use=file.use or NOT_STATED,
         temperature=None if file.temperature is None else file.temperature.curves_of_temperature(),
         extra=(file.model_extra or {}) | ({"terms": file.terms} if "terms" in file.model_fields_set else {}),
+        **{name: getattr(file, name) for name in _SAME},
     )

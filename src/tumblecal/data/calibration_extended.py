@@ -4,14 +4,13 @@ The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, with the ideal input u
 temperature dK, bias and u are those at the temperature of the row.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration_terms import Term
-from tumblecal.data.temperature_curves import TemperatureCurves
-from tumblecal.data.triad_of_rows import ConstantTriad, TriadByTemperature, TriadOfRows
+from tumblecal.data.triad import Triad
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
@@ -27,13 +26,12 @@ FARTHEST = 3.0
 
 
 def corrected(
-    triad: ConstantTriad | TriadByTemperature,
+    triad: Callable[[np.ndarray | None], Triad],
     terms: Sequence[Term],
+    needed: Sequence[str],
     readings: Float[np.ndarray, "rows 3"],
     temperature_degc: Float[np.ndarray, " rows"] | float | None = None,
     time_s: Float[np.ndarray, " rows"] | float | None = None,
-    *,
-    extrapolate: bool = False,
 ) -> Float[np.ndarray, "rows 3"]:
     """Specific force in g from readings in g, by the linear correction and the terms of a calibration.
 
@@ -41,60 +39,41 @@ def corrected(
 
     **Arguments:**
 
-    - `temperature_degc`, `time_s`: of each row, or one for all rows; required if the triad or a term depends on it.
-    - `extrapolate`: whether temperatures may be outside the measured range of curves.
+    - `triad`: the linear correction of rows, by their temperatures. `needed`: columns on which triad or terms depend.
+    - `temperature_degc`, `time_s`: of each row, or one for all rows; required if they are needed.
 
-    **Raises:** `InputError` for an invalid term, a missing temperature or time, a wrong number of rows, readings of a wrong
-    shape, temperatures that are not numbers or outside the range of curves, or readings so far outside the model that it
-    cannot be inverted.
+    **Raises:** `InputError` for a missing temperature or time, a wrong number of rows, readings of a wrong shape, or readings
+    so far outside the model that it cannot be inverted.
     """
     if np.ndim(readings) == 0 or np.shape(readings)[-1] != 3:
         raise InputError(f"readings have the shape {np.shape(readings)}; it must be (rows, 3)")
-    readings, curves = np.asarray(readings), None if isinstance(triad, ConstantTriad) else triad.curves
+    readings, columns = np.asarray(readings), dict[str, np.ndarray | None]()
     for name, values in (("temperature_degc", temperature_degc), ("time_s", time_s)):
-        if values is None and name in columns_needed(terms, curves):
+        if values is None and name in needed:
             raise InputError(f"this calibration has {_KINDS_OF[name]} terms: the data need a column {name}")
         if values is not None and np.ndim(values) and np.shape(values) != readings.shape[:1]:
             raise InputError(f"{name} has the shape {np.shape(values)}; it must be one number, or {readings.shape[:1]}")
-    if curves is not None:
-        curves.require_range(np.atleast_1d(np.asarray(temperature_degc, float)), extrapolate=extrapolate)
-    degc, time = (
-        None if given is None else np.broadcast_to(given, len(readings)) for given in (temperature_degc, time_s)
-    )
+        columns[name] = None if values is None else np.broadcast_to(np.asarray(values, float), len(readings))
     force = np.empty(readings.shape[::-1]).T
     with np.errstate(all="ignore"):  # a divergent iteration ends in an error
         for first in range(0, len(readings), _BLOCK):
             rows = slice(first, first + _BLOCK)
-            degc_of, time_of = (None if column is None else column[rows] for column in (degc, time))
-            of_rows = triad if isinstance(triad, ConstantTriad) else triad.of_rows(np.asarray(degc_of, float))
-            if terms:
-                force[rows] = _inverted(of_rows, terms, _factors(terms, degc_of, time_of), readings[rows])
-            else:
-                force[rows] = of_rows.force(readings[rows])
+            degc, time = (None if column is None else column[rows] for column in columns.values())
+            of_rows = triad(degc)
+            force[rows] = (
+                _inverted(of_rows, terms, degc, time, readings[rows]) if terms else of_rows.force(readings[rows])
+            )
     return force
 
 
-def columns_needed(terms: Sequence[Term], curves: TemperatureCurves | None = None) -> tuple[str, ...]:
-    """Columns that terms and curves of temperature require in addition to the readings."""
-    needs = {
-        "temperature_degc": curves is not None or any(term.thermal for term in terms),
-        "time_s": any(term.per_hour for term in terms),
-    }
-    return tuple([name for name, needed in needs.items() if needed])
-
-
-def _factors(
-    terms: Sequence[Term], temperature_degc: np.ndarray | None, time_s: np.ndarray | None
-) -> list[np.ndarray | float]:
-    return [term.factor(temperature_degc, time_s) for term in terms]
-
-
 def _inverted(
-    triad: ConstantTriad | TriadOfRows,
+    triad: Triad,
     terms: Sequence[Term],
-    factors: list[np.ndarray | float],
+    degc: np.ndarray | None,
+    time: np.ndarray | None,
     readings: Float[np.ndarray, "rows 3"],
 ) -> Float[np.ndarray, "rows 3"]:
+    factors = [term.factor(degc, time) for term in terms]
     jumps = 2 * sum(np.max(np.abs(factor)) for term, factor in zip(terms, factors, strict=True) if term.kind == "sign")
     farthest = FARTHEST * max(1.0, float(np.max(np.abs(readings), initial=0.0)))
     force = triad.force(readings)
@@ -122,8 +101,8 @@ def values(
     temperature_degc: Float[np.ndarray, " rows"] | float | None,
 ) -> Float[np.ndarray, "rows 3"]:
     """Contribution of the terms to the readings at given inputs, g; without a temperature, one degree from the reference."""
-    degc = None if temperature_degc is None else np.broadcast_to(temperature_degc, len(inputs))
-    return _added(terms, _factors(terms, degc, None), inputs)
+    degc = None if temperature_degc is None else np.asarray(temperature_degc)
+    return _added(terms, [term.factor(degc, None) for term in terms], inputs)
 
 
 def _added(

@@ -4,7 +4,7 @@ A term adds `coefficient * kind(u_x^i u_y^j u_z^k) * (T - reference_degc)^degc_p
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Annotated, Any, ClassVar
 
@@ -122,17 +122,12 @@ def contributions(
 ) -> Float[np.ndarray, "terms degc rows 3"]:
     """Change of the readings (g) by one unit of each term's coefficient, for all inputs (g) at each temperature; without a
     temperature, one degree from the reference. Time has no influence."""
-    powers = np.array([term.powers for term in terms], int).reshape(-1, 1, 3)
-    products = np.prod(inputs**powers, axis=2)
-    for kind, function in KINDS.items():
-        own = [term.kind == kind for term in terms]
-        products[own] = function(products[own])
-    reference, power = (
-        np.array([(term.reference_degc, term.degc_power) for term in terms]).reshape(-1, 2, 1).swapaxes(0, 1)
-    )
-    factors = np.ones((len(terms), 1)) if temperature_degc is None else (temperature_degc - reference) ** power
-    along = np.array([[term.axis == axis for axis in AXES] for term in terms], float).reshape(-1, 3)
-    return factors[:, :, None, None] * products[:, None, :, None] * along[:, None, None, :]
+    count = 1 if temperature_degc is None else len(temperature_degc)
+    changes = np.zeros((len(terms), count, len(inputs), 3))
+    for change, term in zip(changes, terms, strict=True):
+        factor = replace(term, coefficient=1.0).factor(temperature_degc, None)
+        change[:, :, AXES.index(term.axis)] = np.reshape(factor, (-1, 1)) * term.of_inputs(inputs)
+    return changes
 
 
 def undetermined_words(terms: Sequence[Term]) -> str:

@@ -11,9 +11,8 @@ from tumblecal.ground.numbers_shown import counted
 
 # Possible temperatures of a triad, degC, and of a column in kelvin, which is converted to degC later.
 _OF_A_TRIAD_DEGC, _KELVIN = (-100.0, 250.0), (200.0, 450.0)
-# Seconds since 1970 remain below this for three thousand years; and the other units of computer clocks, per second.
+# Seconds since 1970 remain below this for three thousand years; other units of computer clocks are above it.
 _MOST_S = 1e11
-_PER_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 # Shortest mean time between positions, s; and for numbers that may be the days of a spreadsheet, from 1982 to 2119.
 _FASTEST_S, _FASTEST_OF_DATES_S, _DATES = 0.05, 0.3, (30_000.0, 80_000.0)
 _FEWEST = 3
@@ -42,14 +41,13 @@ def time_fault(time: Float[np.ndarray, " rows"], positions: Sequence[str]) -> st
     if not len(time):
         return ""
     if np.min(time) > _MOST_S:
-        unit = next((name for name, many in _PER_SECOND.items() if np.max(time) < _MOST_S * many), "nanoseconds")
+        unit = ("milliseconds", "microseconds", "nanoseconds")[int(np.clip(np.log10(np.max(time)) - 11, 0, 8)) // 3]
         return f"{time[0]:.4g} s, and so on: these look like {unit} since 1970; write seconds, from any origin"
     moves = sum(one != other for one, other in pairwise(positions))
     lasted = float(np.sum(np.maximum(np.diff(time), 0.0)))
-    if moves + 1 < _FEWEST or lasted == 0.0:
-        return ""
     dates = _DATES[0] < np.min(time) and np.max(time) < _DATES[1]
-    if lasted / moves >= (_FASTEST_OF_DATES_S if dates else _FASTEST_S):
+    fastest = _FASTEST_OF_DATES_S if dates else _FASTEST_S
+    if moves + 1 < _FEWEST or lasted == 0.0 or lasted / moves >= fastest:
         return ""
     like = "days, as a spreadsheet counts dates" if dates else "hours or days"
     return (

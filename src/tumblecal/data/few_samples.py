@@ -8,6 +8,7 @@ their mean; if positions really differ, each keeps its variance.
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import newton
 from scipy.special import digamma, polygamma
 
 
@@ -40,18 +41,8 @@ def _axis(
     # The standard deviation of the variance of these logarithms, from their fourth cumulant.
     if excess <= _AGREE * np.sqrt(2 * by_chance**2 / (len(logs) - 1) + fourth / len(logs)):
         return np.full(len(variance), np.sum(dof * variance) / np.sum(dof))
-    prior_dof = 2 * _inverse_trigamma(excess)
+    # 1 / trigamma is nearly linear (Smyth 2004, appendix).
+    half = newton(lambda x: 1 / float(polygamma(1, x)) - 1 / excess, 0.5 + 1 / excess)
+    prior_dof = 2 * half
     common = np.exp(np.mean(logs) + digamma(prior_dof / 2) - np.log(prior_dof / 2))
     return (prior_dof * common + dof * variance) / (prior_dof + dof)
-
-
-def _inverse_trigamma(value: float) -> float:
-    """The argument of trigamma at a value, by Newton steps in 1 / trigamma, which is nearly linear (Smyth 2004, appendix)."""
-    at = 0.5 + 1 / value
-    for _ in range(50):
-        trigamma = float(polygamma(1, at))
-        step = trigamma * (1 - trigamma / value) / float(polygamma(2, at))
-        at += step
-        if abs(step) < 1e-10 * at:
-            break
-    return at

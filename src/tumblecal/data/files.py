@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.data.columns import positions
-from tumblecal.data.faults import MOST_FAULTS, Faults
-from tumblecal.data.named_layout import named_layout, repeated, row_words
+from tumblecal.data.faults import Faults
+from tumblecal.data.named_layout import named_layout, require_different, row_words
 from tumblecal.data.position_comments import ATTITUDES
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
@@ -122,23 +122,20 @@ def csv_table(path: Path) -> Table:
     **Raises:** `InputError` for a file that is not such a table.
     """
     layout, comments = named_layout(path)
-    names, rows, lines, faults = layout.names, [], [], Faults(str(path))
+    names, rows, faults = layout.names, dict[int, list[str]](), Faults(str(path))
     for number, cells, wrong in layout.rows():
         if wrong := wrong or row_words(cells, names):
             faults.add(wrong, f":line {number}")
-        else:
-            rows.append(cells)
-            lines.append(number)
-            _require_few(path, len(rows))
+        rows[number] = cells
+        _require_few(path, len(rows))
     faults.stop()
     # A spreadsheet adds empty columns without a name.
-    used = [k for k, name in enumerate(names) if name or any(row[k].strip() for row in rows)]
-    if twice := repeated(layout, [names[k] for k in used]):
-        raise InputError(twice[:MOST_FAULTS])
-    columns = {names[k]: [row[k] for row in rows] for k in used}
-    return Table(
-        *(str(path), columns, lines, stated_once(path, comments), layout.header_line or 1), separator=layout.separator
-    )
+    columns = [
+        (name, cells) for name, *cells in zip(names, *rows.values(), strict=True) if name or "".join(cells).strip()
+    ]
+    require_different(layout, [name for name, _ in columns])
+    comments = stated_once(path, comments)
+    return Table(str(path), dict(columns), [*rows], comments, layout.header_line or 1, separator=layout.separator)
 
 
 def _require_few(path: Path, rows: int) -> None:

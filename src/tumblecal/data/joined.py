@@ -3,13 +3,16 @@
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from tumblecal.data.cells import number_in
 from tumblecal.data.joined_clocks import JoinedClocks, joined_clocks
 from tumblecal.data.position_comments import NOT_CONFIRMED, WITHIN_DWELLS
-from tumblecal.data.positions import PositionSet
+from tumblecal.data.positions import COLUMNS, LABELS, PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import SAME_MS2
 
@@ -66,24 +69,18 @@ def _names(sets: Sequence[PositionSet]) -> tuple[str, ...]:
 def _comments(sets: Sequence[PositionSet]) -> dict[str, str]:
     """The comments of the first file, and those on faults from all files: joined words, and the largest size."""
     comments = {key: text for key, text in sets[0].comments.items() if not key.startswith(FAULTS)}
-    keys = dict.fromkeys(key for given in sets for key in given.comments if key.startswith(FAULTS))
-    for key in keys:
+    for key in dict.fromkeys(key for given in sets for key in given.comments if key.startswith(FAULTS)):
         by_file = {name: given.comments.get(key, "") for name, given in zip(_called(sets), sets, strict=True)}
         texts = {name: text for name, text in by_file.items() if text}
-        same = len(texts) == len(sets) and len(set(texts.values())) == 1
-        sizes = [size for text in texts.values() if (size := _size(text)) is not None]
+        sizes = [value for text in texts.values() if np.isfinite(value := number_in(text)[0])]
         if sizes:
             comments[key] = f"{max(sizes):g}"
         elif texts:
-            comments[key] = next(iter(texts.values())) if same else " ".join(f"{name}: {texts[name]}" for name in texts)
+            same = len(texts) == len(sets) and len({*texts.values()}) == 1
+            comments[key] = (
+                next(iter(texts.values())) if same else " ".join(f"{n}: {text}" for n, text in texts.items())
+            )
     return comments
-
-
-def _size(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
 
 
 def joined(sets: Sequence[PositionSet], clocks: JoinedClocks | None = None) -> PositionSet:
@@ -108,30 +105,19 @@ def joined(sets: Sequence[PositionSet], clocks: JoinedClocks | None = None) -> P
             f"one g differs between these files (m/s^2): {listed}; if the site is the same, state it with --gravity"
         )
 
-    def column(name: str) -> np.ndarray | None:
-        parts = [getattr(given, name) for given in sets]
-        return None if any(part is None for part in parts) else np.concatenate(parts)
-
-    def labels(name: str, default: str = "1") -> tuple[str, ...] | None:
-        if all(getattr(given, name) is None for given in sets):
-            return None
-        return tuple(label for given in sets for label in getattr(given, name) or (default,) * len(given))
-
     clocks = joined_clocks(sets) if clocks is None else clocks
+    columns: dict[str, Any] = {"names": _names(sets)}
+    for name in COLUMNS[1:]:
+        parts = [getattr(given, name) for given in sets]
+        if name in LABELS:
+            default = "" if name == "recorded_noise" else "1"
+            labels = [part or (default,) * len(given) for part, given in zip(parts, sets, strict=True)]
+            columns[name] = tuple(chain.from_iterable(labels)) if any(parts) else None
+        else:
+            columns[name] = None if any(part is None for part in parts) else np.concatenate(parts)
+    columns |= {"time_s": None, "clock": None} if clocks is None else {"time_s": clocks.time_s, "clock": clocks.clock}
     return PositionSet(
-        names=_names(sets),
-        alpha_deg=np.concatenate([given.alpha_deg for given in sets]),
-        beta_deg=np.concatenate([given.beta_deg for given in sets]),
-        readings=np.concatenate([given.readings for given in sets]),
-        sd=column("sd"),
-        run=labels("run"),
-        mount=labels("mount"),
-        time_s=None if clocks is None else clocks.time_s,
-        clock=None if clocks is None else clocks.clock,
-        temperature_degc=column("temperature_degc"),
-        approach=column("approach"),
-        n=column("n"),
-        recorded_noise=labels("recorded_noise", ""),
+        **columns,
         comments=_comments(sets),
         source=", ".join(given.source for given in sets),
         files=tuple(file for given in sets for file in given.files or (given.source,)),

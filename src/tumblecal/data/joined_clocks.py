@@ -8,12 +8,12 @@ then has a separate clock, and drift is not evaluated across the pause (`effects
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.data.cells import number_in
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.clocks import continued_times
 from tumblecal.ground.errors import InputError
@@ -44,14 +44,6 @@ class JoinedClocks:
     words: tuple[str, ...]
 
 
-@dataclass
-class _Part:
-    """Files with one clock, and their times."""
-
-    times: list[Float[np.ndarray, " rows"]]
-    labels: list[tuple[str, ...] | None]
-
-
 def joined_clocks(sets: Sequence[PositionSet], pauses: Sequence[str] = ()) -> JoinedClocks | None:
     """The times of consecutive files; None if not all have times.
 
@@ -63,45 +55,32 @@ def joined_clocks(sets: Sequence[PositionSet], pauses: Sequence[str] = ()) -> Jo
     **Raises:** `InputError` for a wrong number or form of pauses, and for an invalid date.
     """
     stated = _stated(pauses, len(sets) - 1)
-    if any(given.time_s is None for given in sets):
+    if lacking := ", ".join(given.source for given in sets if given.time_s is None):
         if pauses:
-            lacking = ", ".join(given.source for given in sets if given.time_s is None)
             raise InputError(f"--pause: {lacking} has no column time_s, so a pause has no influence; remove the option")
         return None
-    zeros, began = [_time_zero(given) for given in sets], _began(sets)
-    times = [np.asarray(given.time_s, float) + first for given, first in zip(sets, began, strict=True)]
-    parts, words, offset = [_Part([times[0]], [sets[0].clock])], [], 0.0
-    rows = zip(pairwise(sets), pairwise(times), stated, pairwise(zeros), strict=True)
-    for (before, after), (last, times_of_file), pause, (zero_before, zero) in rows:
-        last = last + offset
-        moved, how = _follows(last, times_of_file, offset, pause, _zero_offset(zero_before, zero, offset, after))
-        words.append(_in_words(before, after, moved, last, how))
-        if moved is None:
-            offset = 0.0
-            parts.append(_Part([times_of_file], [after.clock]))
-        else:
-            offset = float(moved[0] - times_of_file[0])
-            parts[-1].times.append(moved)
-            parts[-1].labels.append(after.clock)
-    time = continued_times([np.concatenate(part.times) for part in parts])
-    clock_of_rows = [
-        (number, label)
-        for number, part in enumerate(parts)
-        for times, labels in zip(part.times, part.labels, strict=True)
-        for label in labels or ("",) * len(times)
-    ]
-    clocks = {clock: str(number) for number, clock in enumerate(dict.fromkeys(clock_of_rows), start=1)}
-    clock = tuple(clocks[label] for label in clock_of_rows) if len(clocks) > 1 else None
-    return JoinedClocks(time, clock, tuple(words))
-
-
-def _began(sets: Sequence[PositionSet]) -> list[float]:
-    """The clock of each recording at time zero of its file, s, minus that of the first; zero unless all state it."""
-    try:
-        listed = [float(given.comments[TIME_BEGAN]) for given in sets]
-    except (KeyError, ValueError):
-        return [0.0] * len(sets)
-    return [began - listed[0] for began in listed]
+    # Times on the clock of the recording, if all files state it.
+    began = [number_in(given.comments.get(TIME_BEGAN))[0] for given in sets]
+    began = began if np.isfinite(began).all() else [0.0] * len(sets)
+    times = [np.asarray(given.time_s, float) + first - began[0] for given, first in zip(sets, began, strict=True)]
+    zeros = [_time_zero(given) for given in sets]
+    # Offset of each file, and the number of its clock.
+    offsets, clocks, words = [0.0], [0], list[str]()
+    for k, pause in enumerate(stated, start=1):
+        last = float(times[k - 1].max()) + offsets[-1]
+        offset, how = _offset(
+            last, times[k], offsets[-1], pause, _zero_offset(zeros[k - 1 : k + 1], offsets[-1], sets[k])
+        )
+        gap = None if offset is None else float(times[k].min()) + offset - last
+        words.append(_in_words(sets[k - 1], sets[k], gap, how))
+        offsets.append(0.0 if offset is None else offset)
+        clocks.append(clocks[-1] + (offset is None))
+    moved = [one + offset for one, offset in zip(times, offsets, strict=True)]
+    parts = [[one for one, clock in zip(moved, clocks, strict=True) if clock == k] for k in range(clocks[-1] + 1)]
+    rows = [(k, label) for k, given in zip(clocks, sets, strict=True) for label in given.clock or ("",) * len(given)]
+    numbers = {row: str(number) for number, row in enumerate(dict.fromkeys(rows), start=1)}
+    clock_of_rows = tuple(numbers[row] for row in rows) if len(numbers) > 1 else None
+    return JoinedClocks(continued_times([np.concatenate(part) for part in parts]), clock_of_rows, tuple(words))
 
 
 def _stated(pauses: Sequence[str], boundaries: int) -> list[float | str | None]:
@@ -117,27 +96,23 @@ def _stated(pauses: Sequence[str], boundaries: int) -> list[float | str | None]:
     return read * boundaries if len(read) == 1 else read or [None] * boundaries
 
 
-def _follows(
-    last: np.ndarray, times: np.ndarray, offset: float, pause: float | str | None, zero: float | None
-) -> tuple[np.ndarray | None, str]:
-    """Times of a file on the clock of the previous file, and the source of this; None if it is unknown.
+def _offset(
+    last: float, times: np.ndarray, offset: float, pause: float | str | None, zero: float | None
+) -> tuple[float | None, str]:
+    """What is added to the times of a file on the clock of the previous file, and the source of this; None if it is unknown.
 
     **Arguments:**
 
-    - `last`: times of the previous file, on its clock. `times`: of this file, as written. `offset`: of the previous file.
+    - `last`: end of the previous file, on its clock, and `offset`: its offset. `times`: of this file, as written.
     - `zero`: time zero of this file on that clock, from the dates of both.
     """
-    if pause == UNKNOWN_PAUSE:
-        return None, "stated"
-    if isinstance(pause, float):
-        return times - times.min() + last.max() + pause, "stated"
-    if pause == ONE_CLOCK:
-        return times + offset, "stated"
+    if pause is not None:
+        known = {UNKNOWN_PAUSE: None, ONE_CLOCK: offset}
+        return known[pause] if isinstance(pause, str) else last + pause - float(times.min()), "stated"
     if zero is not None:
-        return times + zero, f"comment {TIME_ZERO}"
-    continued = times + offset
-    gap = float(continued.min() - last.max())
-    return (continued, "time_s continues") if 0.0 < gap <= _LONGEST_PAUSE_S else (None, "")
+        return zero, f"comment {TIME_ZERO}"
+    gap = float(times.min()) + offset - last
+    return (offset, "time_s continues") if 0.0 < gap <= _LONGEST_PAUSE_S else (None, "")
 
 
 def moment(seconds: float) -> str:
@@ -160,28 +135,28 @@ def _time_zero(given: PositionSet) -> datetime | None:
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
 
 
-def _zero_offset(before: datetime | None, after: datetime | None, offset: float, given: PositionSet) -> float | None:
+def _zero_offset(zeros: Sequence[datetime | None], offset: float, given: PositionSet) -> float | None:
+    """Time zero of a file on the clock of the previous one, by the dates of both (`zeros`)."""
+    before, after = zeros
     if before is None or after is None:
         return None
     text = given.comments.get(TIME_SPEED, "1")
-    try:
-        speed = float(text)
-    except ValueError:
-        raise InputError(f"{given.source}: comment {TIME_SPEED}: {text!r} is not a number; delete the line") from None
+    speed, wrong = number_in(text)
+    if wrong:
+        raise InputError(f"{given.source}: comment {TIME_SPEED}: {text!r} is not a number; delete the line")
     return offset + (after - before).total_seconds() * speed
 
 
-def _in_words(before: PositionSet, after: PositionSet, moved: np.ndarray | None, last: np.ndarray, how: str) -> str:
+def _in_words(before: PositionSet, after: PositionSet, gap: float | None, how: str) -> str:
     first, second = (Path(given.source).name for given in (before, after))
     if first == second:
         first, second = before.source, after.source
-    if moved is None:
+    if gap is None:
         why = "as stated" if how else "its clock restarts"
         return (
             f"Pause between {first} and {second}: unknown ({why}). Changes over it are fitted, so no drift depends on its "
             "length. If it is known, give for example --pause '2 h'."
         )
-    gap = float(moved.min() - last.max())
     if gap < 0:
         return f"{second} begins {duration(-gap)} before the end of {first} ({how}; --pause unknown if that is wrong)."
     override = "" if how == "stated" else "; --pause unknown if each file has a separate clock"

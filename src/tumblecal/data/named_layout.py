@@ -1,13 +1,12 @@
 """The layout of a table with the names of the columns in its first line; each fault has its line."""
 
-import csv
 import re
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
 from tumblecal.data.table import KNOWN
-from tumblecal.data.text_cells import cells_of, strict_cells
+from tumblecal.data.text_cells import cells_of, unquoted
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
@@ -22,7 +21,6 @@ _UNITS = {"deg", "°", "g", "mg", "m/s2", "m/s^2", "m/s²", "s", "ms", "degC", "
 _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*")
 # Number of lines that determine the layout: separator line of Excel, header, first row.
 _BEGINNING = 3
-_QUOTATION = "check the quotation marks"
 
 Lines = Sequence[tuple[int, str]]
 
@@ -42,15 +40,21 @@ def named_layout(path: Path) -> tuple[TextLayout, list[tuple[int, str]]]:
     for before, text in decoded_pieces(path):
         count = before + text.count("\n") + (not text.endswith("\n"))
         if len(beginning) < _BEGINNING or "#" in text:
-            lines = list(enumerate(text.removesuffix("\n").split("\n"), before + 1))
-            comments += [(k, text) for k, line in lines if (text := comment_in(line)) is not None]
-            rows = ((k, line) for k, line in lines if not is_blank(line) and comment_in(line) is None)
+            rows, found = parted(text.removesuffix("\n").split("\n"), before + 1)
+            comments += found
             beginning.extend(islice(rows, _BEGINNING - len(beginning)))
     if not beginning and not comments:
         raise InputError(f"{path}: the file is empty")
     layout = layout_of_lines(path, beginning, comments)
     comments = [comment for comment in comments if comment[0] != layout.header_line]
-    if faults := _rows_behind_marks(layout, comments):
+    # No reading is lost behind a mark of comments.
+    hidden = [(line, cells_of(text, layout.separator)) for line, text in comments if line >= layout.first_line]
+    if faults := [
+        f"{path}:line {line}: begins with # like a comment, but is a row of numbers; write {shown(cells[0].strip('# '))} "
+        "without the #, or, to omit the row, '# left out:' before it"
+        for line, cells in hidden
+        if len(cells) == len(layout.names) > 3 and ":" not in cells[0] and _of_numbers(cells[1:])
+    ]:
         raise InputError(faults)
     if count >= layout.first_line and (cells := layout.cut_row()):
         column = f", column {layout.names[len(cells) - 1]}" if len(cells) <= len(layout.names) else ""
@@ -59,6 +63,12 @@ def named_layout(path: Path) -> tuple[TextLayout, list[tuple[int, str]]]:
             "rows, so it may be truncated; complete the row and its line end, or remove it"
         )
     return layout, comments
+
+
+def parted(lines: Sequence[str], first: int = 1) -> tuple[Lines, Lines]:
+    """Lines that are neither blank nor comments, and the comments, with their numbers from `first` on."""
+    numbered = [(k, line, comment_in(line)) for k, line in enumerate(lines, first) if not is_blank(line)]
+    return [(k, line) for k, line, text in numbered if text is None], [(k, text) for k, _, text in numbered if text]
 
 
 def layout_of_lines(path: Path, beginning: Lines, comments: Lines = ()) -> TextLayout:
@@ -75,37 +85,36 @@ def layout_of_lines(path: Path, beginning: Lines, comments: Lines = ()) -> TextL
     """
     stated = _SEPARATOR_LINE.fullmatch(beginning[0][1]) if beginning else None
     if stated and stated[1] not in ",;\t|":
-        raise InputError(
-            f"{path}:line {beginning[0][0]}: {shown(stated[1])} as separator; write the columns with commas, semicolons, tabs "
-            "or pipes"
-        )
+        words = f"{shown(stated[1])} as separator; write the columns with commas, semicolons, tabs or pipes"
+        raise InputError(f"{path}:line {beginning[0][0]}: {words}")
     beginning = beginning[1:] if stated else beginning
     if not beginning:
         raise InputError(f"{path}: no header line; the first line names the columns")
-
-    def layout(names: Sequence[str], separator: str, header_line: int, first_line: int) -> TextLayout:
-        return TextLayout(path, tuple(names), separator, header_line, first_line)
-
     line, text = beginning[0]
     for number, comment in reversed([comment for comment in comments if comment[0] < line]):
         header = comment.lstrip("# ")
         separator = stated[1] if stated else _separator(header)
         names, cells = cells_of(header, separator), cells_of(text, separator)
         if readings_among(names) and len(cells) == len(names) and _of_numbers(cells):
-            return layout(names, separator, number, line)
+            return TextLayout(path, tuple(names), separator, number, line)
     separator = stated[1] if stated else _separator(text)
-    try:
-        strict_cells(text, separator)
-    except csv.Error as error:
-        raise InputError(f"{path}:line {line}: {error}; {_QUOTATION}") from error
     names = cells_of(text, separator)
-    _check_title(path, beginning, names)
+    if b'"' in unquoted(text.encode(), separator):
+        raise InputError(f"{path}:line {line}: quotation marks within a name; check the quotation marks")
+    # A title, or the groups of a header in two lines.
+    number, below = beginning[1] if len(beginning) > 1 else (0, "")
+    next_names = [cell for cell in cells_of(below, _separator(below)) if cell]
+    fewer = sum(map(bool, names)) == 1 and len(next_names) > 2
+    known, known_below = (sum(name in KNOWN for name in some) for some in (names, next_names))
+    if not any(map(_NUMBER.fullmatch, next_names)) and (fewer or known_below > max(2, known)):
+        words = f"is not a header: line {number} names the columns; write # before line {line}"
+        raise InputError(f"{path}:line {line}: {shown(text.rstrip(',;| '))} {words}")
     if _of_numbers(names):
         raise InputError(
             f"{path}:line {line}: numbers instead of the names of the columns; write the names in the first line that is not "
             "a comment, such as position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
         )
-    return layout(names, separator, line, line + 1)
+    return TextLayout(path, tuple(names), separator, line, line + 1)
 
 
 def _separator(header: str) -> str:
@@ -113,39 +122,16 @@ def _separator(header: str) -> str:
     return max(",;\t|", key=header.count)
 
 
-def _check_title(path: Path, beginning: Lines, names: Sequence[str]) -> None:
-    """Reject a first line with fewer names than the next: a title, or the groups of a header in two lines."""
-    (line, text), (number, below) = beginning[0], beginning[1] if len(beginning) > 1 else (0, "")
-    next_names = [cell for cell in cells_of(below, _separator(below)) if cell]
-    fewer = sum(map(bool, names)) == 1 and len(next_names) > 2
-    if not any(map(_NUMBER.fullmatch, next_names)) and (fewer or _known(next_names) > max(2, _known(names))):
-        raise InputError(
-            f"{path}:line {line}: {shown(text.rstrip(',;| '))} is not a header: line {number} names the columns; write "
-            f"# before line {line}"
-        )
+def require_different(layout: TextLayout, names: Sequence[str]) -> None:
+    """Reject names of several columns.
 
-
-def _known(names: Sequence[str]) -> int:
-    return sum(name in KNOWN for name in names)
-
-
-def repeated(layout: TextLayout, names: Sequence[str]) -> list[str]:
-    """A fault for each name of several columns."""
-    return [
+    **Raises:** `InputError` with each of them.
+    """
+    if faults := [
         f"{layout.path}:line {layout.header_line}, column {name or '(no name)'}: the column is given twice; keep one"
         for name in sorted({name for name in names if names.count(name) > 1})
-    ]
-
-
-def _rows_behind_marks(layout: TextLayout, comments: Lines) -> list[str]:
-    """A fault for each comment below the header that is a row of numbers, so that no reading is lost."""
-    found = [(line, cells_of(text, layout.separator)) for line, text in comments if line >= layout.first_line]
-    return [
-        f"{layout.path}:line {line}: begins with # like a comment, but is a row of numbers; write "
-        f"{shown(cells[0].strip('# '))} without the #, or, to omit the row, '# left out:' before it"
-        for line, cells in found
-        if len(cells) == len(layout.names) > 3 and ":" not in cells[0] and _of_numbers(cells[1:])
-    ]
+    ]:
+        raise InputError(faults)
 
 
 def row_words(cells: Sequence[str], names: Sequence[str]) -> str:

@@ -35,8 +35,7 @@ def protect_inputs(
 
     **Raises:** `InputError` naming both.
     """
-    outputs = [] if out is None else [out]
-    outputs += [path for folder in folders for name in names for path in folder.glob(name)]
+    outputs = [*filter(None, [out]), *(path for folder in folders for name in names for path in folder.glob(name))]
     read = {identity(path): path for path in inputs if path is not None and path.exists()}
     for output in outputs:
         if output.exists() and (path := read.get(identity(output))):
@@ -88,24 +87,17 @@ def given_once(files: Sequence[Path]) -> dict[Path, str]:
     first: dict[tuple[int, int], Path] = {}
     twice = [(path, before) for path in existing if (before := first.setdefault(identity(path), path)) is not path]
     if twice:
+        again = [f", the first time as {before}" if before != path else "" for path, before in twice]
         raise InputError(
-            [
-                f"{path}: given twice{f', the first time as {before}' if before != path else ''}; give each file once"
-                for path, before in twice
-            ]
+            [f"{path}: given twice{words}; give each file once" for (path, _), words in zip(twice, again, strict=True)]
         )
-    return {
-        path: f"same contents as {before}, so these positions are used twice; remove one of these files"
-        for path, before in _copies(existing)
-    }
-
-
-def _copies(files: Iterable[Path]) -> list[tuple[Path, Path]]:
-    """Each file with the same contents as an earlier one, and the earlier one; only files of equal size are read."""
-    by_size: dict[int, list[Path]] = {}
-    for path in files:
-        by_size.setdefault(path.stat().st_size, []).append(path)
-    first: dict[bytes, Path] = {}
-    of_equal_size = [path for group in by_size.values() if len(group) > 1 for path in group]
-    found = [(path, first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)) for path in of_equal_size]
-    return [(path, before) for path, before in found if path is not before]
+    # Only files of equal size are read.
+    sizes = [path.stat().st_size for path in existing]
+    contents, copies = dict[bytes, Path](), dict[Path, str]()
+    for path, size in zip(existing, sizes, strict=True):
+        if sizes.count(size) > 1:
+            before = contents.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+            if before is not path:
+                words = "so these positions are used twice; remove one of these files"
+                copies[path] = f"same contents as {before}, {words}"
+    return copies

@@ -1,9 +1,9 @@
 """A set of positions: commanded angles, readings and recorded conditions, checked once."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 
 
 Rows = Float[np.ndarray, " positions"]
+# Columns of a set: labels and numbers that need not be recorded; and all of them.
+LABELS, NUMBERS = ("run", "mount", "clock", "recorded_noise"), ("time_s", "temperature_degc", "approach", "n")
+# This many consecutive rows of one name and setting are samples of one dwell.
+_LIKE_SAMPLES = 16
+COLUMNS = ("names", "alpha_deg", "beta_deg", "readings", "sd", *LABELS, *NUMBERS)
 
 
 def joined_arguments(files: Sequence[str]) -> tuple[str | Path, ...]:
@@ -138,48 +143,43 @@ class PositionSet(Shown):
             raise InputError(f"unit 'rad', but beta is up to {np.max(np.abs(angles[1])):.4g}: state unit=\"deg\"")
         if unit == "deg" and any(look_like_radians(angle) for angle in angles if len(np.unique(angle)) > 2):
             raise InputError("unit 'deg', but the angles look like radians: state unit=\"rad\"")
-        angles = angles if unit == "deg" else [np.degrees(angle) for angle in angles]
-
-        def column(given: ArrayLike | None) -> Rows | None:
-            return None if given is None else np.asarray(given, float)
-
+        given = {"time_s": time_s, "temperature_degc": temperature_degc, "approach": approach, "n": n}
+        columns: dict[str, Any] = {
+            name: np.asarray(column, float) for name, column in given.items() if column is not None
+        }
+        alpha_deg, beta_deg = angles if unit == "deg" else map(np.degrees, angles)
         return cls(
-            names=tuple(str(number + 1) for number in range(len(values))) if names is None else tuple(names),
-            alpha_deg=angles[0],
-            beta_deg=angles[1],
+            names=tuple(map(str, range(1, len(values) + 1))) if names is None else tuple(names),
+            alpha_deg=alpha_deg,
+            beta_deg=beta_deg,
             readings=values,
             sd=None if sd is None else np.broadcast_to(np.asarray(sd, float), values.shape).copy(),
             run=None if run is None else tuple(run),
             mount=None if mount is None else tuple(mount),
             comments=dict(comments or {}),
             source=source,
-            time_s=column(time_s),
-            temperature_degc=column(temperature_degc),
-            approach=column(approach),
-            n=column(n),
+            **columns,
         )
 
     def _faults(self) -> Iterator[str]:
         count = len(self.names)
-        shapes = {"alpha_deg": (count,), "beta_deg": (count,), "readings": (count, 3), "sd": (count, 3)}
-        shapes |= dict.fromkeys(("time_s", "temperature_degc", "approach", "n"), (count,))
-        for name, wanted in shapes.items():
+        for name in COLUMNS[1:]:
             values = getattr(self, name)
-            if values is None and name not in ("alpha_deg", "beta_deg", "readings"):
+            shape = (count, 3) if name in ("readings", "sd") else (count,)
+            if values is None and name not in COLUMNS[:4]:
                 continue
-            if not isinstance(values, np.ndarray):
+            if name in LABELS:
+                if count != (number := len(values or ())):
+                    yield f"{self.source}: {name} has {number} labels; it must have {count}, one for each name"
+            elif not isinstance(values, np.ndarray):
                 kind = type(values).__name__
                 yield f"{self.source}: {name} is of type {kind}; it must be a numpy array (from_arrays takes others)"
-            elif values.shape != wanted:
-                yield f"{self.source}: {name} has the shape {values.shape}; it must be {wanted}, for {count} names"
+            elif values.shape != shape:
+                yield f"{self.source}: {name} has the shape {values.shape}; it must be {shape}, for {count} names"
             elif not np.all(np.isfinite(values)):
                 yield f"{self.source}: {name} has numbers that are not finite; remove these positions"
             elif name == "sd" and not np.all(values > 0):
                 yield f"{self.source}: sd must be above 0"
-        for name in ("run", "mount", "clock", "recorded_noise"):
-            labels = getattr(self, name)
-            if labels is not None and len(labels) != count:
-                yield f"{self.source}: {name} has {len(labels)} labels; it must have {count}, one for each name"
 
     def __len__(self) -> int:
         return len(self.names)
@@ -187,19 +187,14 @@ class PositionSet(Shown):
     @property
     def columns(self) -> dict[str, Sequence[object]]:
         """The recorded columns by their names in a position file, angles in deg, readings in g."""
-        columns: dict[str, Sequence[object] | None] = {
-            "position": self.names,
-            "alpha_deg": self.alpha_deg.tolist(),
-            "beta_deg": self.beta_deg.tolist(),
-        }
-        columns |= {f"a{axis}_g": self.readings[:, column].tolist() for column, axis in enumerate(AXES)}
+        columns: dict[str, Sequence[object] | np.ndarray | None] = {"position": self.names}
+        columns |= {"alpha_deg": self.alpha_deg, "beta_deg": self.beta_deg}
+        columns |= dict(zip((f"a{axis}_g" for axis in AXES), self.readings.T, strict=True))
         columns |= {"run": self.run, "mount": self.mount, "time_clock": self.clock}
-        for name in ("time_s", "temperature_degc", "approach", "n"):
-            values: np.ndarray | None = getattr(self, name)
-            columns[name] = None if values is None else values.tolist()
-        if self.sd is not None:
-            columns |= {f"a{axis}_sd_g": self.sd[:, column].tolist() for column, axis in enumerate(AXES)}
-        return {name: values for name, values in columns.items() if values is not None}
+        columns |= {name: getattr(self, name) for name in NUMBERS}
+        columns |= {} if self.sd is None else dict(zip((f"a{axis}_sd_g" for axis in AXES), self.sd.T, strict=True))
+        found = {name: values for name, values in columns.items() if values is not None}
+        return {name: values.tolist() if isinstance(values, np.ndarray) else values for name, values in found.items()}
 
     def table(self) -> "pl.DataFrame":
         """The columns as a table."""
@@ -283,6 +278,11 @@ class PositionSet(Shown):
         return len(stretches([np.array(self.names, dtype=object), self.alpha_deg, self.beta_deg]))
 
     @property
+    def of_samples(self) -> bool:
+        """Whether the rows are samples of dwells, not means."""
+        return len(self) >= _LIKE_SAMPLES * self.stretches
+
+    @property
     def runs(self) -> tuple[str, ...]:
         """Labels of the runs in order of appearance; one run `1` if none is given."""
         return tuple(dict.fromkeys(self.labels("run")))
@@ -300,13 +300,7 @@ class PositionSet(Shown):
     def chosen(self, rows: Sequence[int] | np.ndarray) -> "PositionSet":
         """The set of these rows (indices or a mask), in that order."""
         index = np.arange(len(self))[np.asarray(rows) if len(rows) else []]
-        pick: Callable = lambda values: (  # noqa: E731
-            None
-            if values is None
-            else tuple(values[row] for row in index)
-            if isinstance(values, tuple)
-            else values[index]
-        )
-        columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount", "clock", "recorded_noise")
-        columns += ("time_s", "temperature_degc", "approach", "n")
-        return replace(self, **{name: pick(getattr(self, name)) for name in columns})
+        columns = {name: values for name in COLUMNS if (values := getattr(self, name)) is not None}
+        for name, values in columns.items():
+            columns[name] = tuple(values[row] for row in index) if isinstance(values, tuple) else values[index]
+        return replace(self, **columns)

@@ -8,11 +8,11 @@ are preserved because only a few rows are averaged at a time. A row that differs
 exchanged, mislabelled and outlier positions can be identified by name.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from tumblecal.data import PositionSet
 from tumblecal.data.gravity_size import moving_fault, reduce_command
@@ -35,8 +35,6 @@ _UNEQUAL = 2.0
 
 
 _MOST_COPIES = 3
-# This many consecutive rows of one name and setting are samples of one dwell.
-_LIKE_SAMPLES = 16
 
 
 @dataclass(frozen=True)
@@ -103,16 +101,12 @@ def require_few_attitudes(data: PositionSet) -> None:
 
 def copied_positions(data: PositionSet) -> list[tuple[str, str]]:
     """Names of positions whose numbers all equal those of an earlier position, with the name of the earlier one."""
-    numbers = [data.alpha_deg, data.beta_deg, *data.readings.T]
-    numbers += [column for column in (data.time_s, data.temperature_degc) if column is not None]
-    labels = zip(data.labels("run"), data.labels("mount"), strict=True)
-    first: dict[tuple, str] = {}
-    pairs = []
-    for name, row, label in zip(data.names, np.stack(numbers, axis=1).tolist(), labels, strict=True):
-        key = (*row, *label)
-        if key in first:
-            pairs.append((name, first[key]))
-        first.setdefault(key, name)
+    columns = [data.alpha_deg, data.beta_deg, *data.readings.T, data.time_s, data.temperature_degc]
+    columns = [column.tolist() for column in columns if column is not None]
+    first, pairs = dict[tuple, str](), list[tuple[str, str]]()
+    for name, *row in zip(data.names, *columns, data.labels("run"), data.labels("mount"), strict=True):
+        if (before := first.setdefault((*row,), name)) is not name:
+            pairs.append((name, before))
     return pairs
 
 
@@ -128,39 +122,31 @@ def _groups(data: PositionSet, means: int) -> list[Int[np.ndarray, " rows"]]:
     columns = [np.round(data.alpha_deg, 6), np.round(data.beta_deg, 6)]
     columns += [np.unique(labels, return_inverse=True)[1] for labels in (data.run, data.mount, data.clock) if labels]
     columns += [data.approach] if data.approach is not None else []
-    _, attitude = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+    attitude = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)[1].ravel()
     order = np.arange(count) if data.time_s is None else np.argsort(data.time_s, kind="stable")
-    attitude = attitude.ravel()
-    repeats = [order[attitude[order] == k] for k in range(int(attitude.max()) + 1)] if count else []
-    alone = _alone(data.readings, repeats)
+    repeats = [order[attitude[order] == k] for k in np.unique(attitude)]
+    # Rows that differ from their repeats are not averaged.
+    away, several = np.zeros((count, 3)), np.zeros(count, bool)
+    for rows in repeats:
+        away[rows] = np.abs(data.readings[rows] - np.median(data.readings[rows], axis=0))
+        several[rows] = len(rows) > 1
+    scale = 1.4826 * np.median(away[several], axis=0) if several.any() else np.full(3, np.inf)
+    ratio = np.max(away / np.maximum(scale, 1e-12), axis=1)
+    worst = np.argsort(-ratio, kind="stable")[:_MOST_ALONE]
+    alone = worst[ratio[worst] > _ALONE_FROM]
     repeats = [rest for rows in repeats if len(rest := rows[~np.isin(rows, alone)])]
     room = max(0, means - len(alone) - len(repeats))
     share = room / max(1, count - len(alone) - len(repeats))
     parts = [part for rows in repeats for part in np.array_split(rows, 1 + int((len(rows) - 1) * share))]
-    rank = np.empty(count)
-    rank[order] = np.arange(count)
-    return sorted([*parts, *(np.array([row]) for row in alone)], key=lambda rows: float(rank[rows].mean()))
-
-
-def _alone(readings: Float[np.ndarray, "rows 3"], repeats: list[np.ndarray]) -> list[int]:
-    """Rows that differ from their repeats."""
-    away = np.zeros_like(readings)
-    for rows in repeats:
-        away[rows] = np.abs(readings[rows] - np.median(readings[rows], axis=0))
-    several = np.concatenate([rows for rows in repeats if len(rows) > 1] or [np.zeros(0, int)])
-    if not len(several):
-        return []
-    scale = 1.4826 * np.median(away[several], axis=0)
-    ratio = np.max(away / np.maximum(scale, 1e-12), axis=1)
-    worst = np.argsort(-ratio, kind="stable")[:_MOST_ALONE]
-    return [int(row) for row in worst if ratio[row] > _ALONE_FROM]
+    rank = np.argsort(order)
+    return sorted([*parts, *alone[:, None]], key=lambda rows: float(rank[rows].mean()))
 
 
 def _averaged(data: PositionSet, groups: list[np.ndarray], noise_sd: float | None) -> PositionSet:
     """The means of groups of rows, weighted by the sd columns if there are any."""
     count, sizes = len(data), np.array([len(rows) for rows in groups])
-    rows = np.concatenate(groups)
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    rows, group_of = np.concatenate(groups), np.repeat(np.arange(len(groups)), sizes)
+    starts = np.cumsum(sizes) - sizes
     # Correlated noise of dwells does not average like independent noise of their sd columns.
     column_sd = data.weighing_sd if data.recorded_noise is None else None
     sd = np.full((count, 3), noise_sd) if noise_sd is not None else column_sd
@@ -171,34 +157,23 @@ def _averaged(data: PositionSet, groups: list[np.ndarray], noise_sd: float | Non
 
     total = summed(weights)
     readings = summed(weights * data.readings) / total
+    sd_of_mean = None if sd is None else 1.0 / np.sqrt(total)
     if sd is None and np.max(sizes[sizes > 1]) > _UNEQUAL * np.min(sizes):
-        scatter = summed((data.readings - readings[np.repeat(np.arange(len(groups)), sizes)[np.argsort(rows)]]) ** 2)
-        sd_of_mean = np.sqrt(scatter.sum(axis=0) / (count - len(groups))) / np.sqrt(sizes)[:, None]
-    else:
-        sd_of_mean = None if sd is None else 1.0 / np.sqrt(total)
-
-    def mean(values: np.ndarray | None) -> np.ndarray | None:
-        return None if values is None else summed(values) / sizes
-
-    first = data.chosen(rows[starts])
-    return PositionSet(
-        names=tuple(
-            data.names[group[0]] if len(group) == 1 else f"{data.names[group[0]]}..{data.names[group[-1]]}"
-            for group in groups
-        ),
-        alpha_deg=first.alpha_deg,
-        beta_deg=first.beta_deg,
+        scatter = np.sum((data.readings[rows] - readings[group_of]) ** 2, axis=0)
+        sd_of_mean = np.sqrt(scatter / (count - len(groups))) / np.sqrt(sizes)[:, None]
+    names = [data.names[group[0]] for group in groups]
+    names = [
+        f"{name}..{data.names[rows[-1]]}" if len(rows) > 1 else name for name, rows in zip(names, groups, strict=True)
+    ]
+    return replace(
+        data.chosen(rows[starts]),
+        names=tuple(names),
         readings=readings,
         sd=sd_of_mean,
-        run=first.run,
-        mount=first.mount,
-        clock=first.clock,
-        time_s=mean(data.time_s),
-        temperature_degc=mean(data.temperature_degc),
-        approach=first.approach,
+        time_s=None if data.time_s is None else summed(data.time_s) / sizes,
+        temperature_degc=None if data.temperature_degc is None else summed(data.temperature_degc) / sizes,
         n=summed(np.ones(count) if data.n is None else data.n),
-        comments=data.comments,
-        source=data.source,
+        recorded_noise=None,
     )
 
 
@@ -221,7 +196,7 @@ def position_notes(data: PositionSet) -> list[str]:
 
     **Raises:** `InputError` for raw samples.
     """
-    if len(data) >= _LIKE_SAMPLES * data.stretches:
+    if data.of_samples:
         reduced = Path("reduced")
         raise InputError(
             f"{data.source}: {len(data)} rows, but only {counted(data.stretches, 'stretch')} of one position each, so these "

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from tumblecal.data.cells import labels_in
 from tumblecal.data.faults import Faults
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.decimal_marks import has_decimal_comma, pointed
@@ -36,9 +35,13 @@ class Table:
     separator: str = ","
     ignored: tuple[str, ...] = ()
 
+    def line_of(self, row: int) -> str:
+        """The place of a row in faults."""
+        return f":{self.row_word} {self.lines[row]}"
+
     def place(self, row: int, column: str) -> str:
         """The name of a cell in messages."""
-        return f"{self.source}:{self.row_word} {self.lines[row]}, column {column}"
+        return f"{self.source}{self.line_of(row)}, column {column}"
 
     def with_points(self) -> "Table":
         """The table with decimal points. If it is not separated by commas, a comma in a number is decimal.
@@ -46,34 +49,25 @@ class Table:
         **Raises:** `InputError` naming each number with a point in a table with decimal commas.
         """
         numbers = {name: cells for name, cells in self.columns.items() if name in KNOWN and name not in LABELS}
-        written = ((name, row) for name, cells in numbers.items() for row in range(len(cells)))
-        first = next((place for place in written if has_decimal_comma(numbers[place[0]][place[1]])), None)
+        texts = [(n, row, cell) for n, cells in numbers.items() for row, cell in enumerate(cells) if type(cell) is str]
+        first = next((cell for cell in texts if has_decimal_comma(cell[2])), None)
         if self.separator == "," or first is None:
             return self
-        name, row = first
-        other = f"{numbers[name][row]!r} ({self.row_word} {self.lines[row]}, column {name}) has a decimal comma"
-        faults, plain = Faults(self.source), dict[str, Sequence[object]]()
-        for name, cells in numbers.items():
-            for row, cell in enumerate(cells):
-                if isinstance(cell, str) and "." in cell:
-                    words = f"{cell!r} has a point, but {other}; use one decimal mark, and separate no thousands"
-                    faults.add(words, f":{self.row_word} {self.lines[row]}", name)
-            plain[name] = [pointed(cell) if isinstance(cell, str) else cell for cell in cells]
+        name, row, cell = first
+        other = f"{cell!r} ({self.line_of(row)[1:]}, column {name}) has a decimal comma"
+        faults = Faults(self.source)
+        for name, row, cell in texts:
+            if "." in cell:
+                words = f"{cell!r} has a point, but {other}; use one decimal mark, and separate no thousands"
+                faults.add(words, self.line_of(row), name)
         faults.stop()
+        plain = {name: [pointed(str(cell)) for cell in cells] for name, cells in numbers.items()}
         return replace(self, columns={**self.columns, **plain})
 
 
 def axis_columns(names: Iterable[str], kind: str = "") -> list[str]:
     """The columns of the three axes among these, for `kind` "" (readings) or "sd_"; empty if there are none."""
     return [name for axis in AXES for name in names if name in {f"a{axis}_{kind}{unit}" for unit in UNITS}]
-
-
-def without_empty(table: Table) -> Table:
-    """The table without empty optional columns; sd columns only if all are empty."""
-    empty = {name for name, cells in table.columns.items() if len(cells) and not any(labels_in(cells))}
-    sd = {name for name in table.columns if name in DEVIATIONS}
-    removed = empty & {*LABELS[1:], *NUMERIC[2:]} | (sd if sd <= empty else set())
-    return replace(table, columns={name: cells for name, cells in table.columns.items() if name not in removed})
 
 
 def renamed(table: Table, names: Mapping[str, str], *, one_of_several: bool = False) -> Table:
@@ -87,30 +81,26 @@ def renamed(table: Table, names: Mapping[str, str], *, one_of_several: bool = Fa
 
     **Raises:** `InputError` for a column that the file does not have, or an unknown standard name.
     """
-    if one_of_several and not {*names.values()} & {*table.columns} and {*names} <= {*table.columns}:
+    used = [*names.values()]
+    if one_of_several and not {*used} & {*table.columns} and {*names} <= {*table.columns}:
         return table
-    faults = [
-        f"--columns {name}=...: no such column; columns: {', '.join(KNOWN)}" for name in names if name not in KNOWN
-    ]
-    listed = shown(", ".join(table.columns))
-    faults += [
-        f"{table.source}: column {column} (--columns {name}={column}) is missing; its columns are {listed}"
-        for name, column in names.items()
-        if column not in table.columns
-    ]
-    first = {column: name for name, column in reversed(list(names.items()))}
-    faults += [
-        f"--columns {name}={column}: column {column} is {first[column]} already; name a different column for each quantity"
-        for name, column in names.items()
-        if first[column] != name
-    ]
+    faults = list[str]()
+    for name, column in names.items():
+        if name not in KNOWN:
+            faults.append(f"--columns {name}=...: no such column; columns: {', '.join(KNOWN)}")
+        if column not in table.columns:
+            missing = f"column {column} (--columns {name}={column}) is missing; its columns are"
+            faults.append(f"{table.source}: {missing} {shown(', '.join(table.columns))}")
+        if used.count(column) > 1 and name != [*names][used.index(column)]:
+            first = f"column {column} is {[*names][used.index(column)]} already"
+            faults.append(f"--columns {name}={column}: {first}; name a different column for each quantity")
     if faults:
         raise InputError(faults)
-    renamed_columns = set(names.values())
-    columns = {name: cells for name, cells in table.columns.items() if name in KNOWN and name not in renamed_columns}
+    others = {name: cells for name, cells in table.columns.items() if name not in used}
+    columns: dict[str, Sequence[object]] = {"position": [f"p{row + 1}" for row in range(len(table.lines))]}
+    columns |= {name: cells for name, cells in others.items() if name in KNOWN}
     columns |= {name: table.columns[column] for name, column in names.items()}
-    columns.setdefault("position", [f"p{number + 1}" for number in range(len(table.lines))])
-    ignored = tuple(name for name in table.columns if name and name not in KNOWN and name not in renamed_columns)
+    ignored = tuple(name for name in others if name and name not in KNOWN)
     return replace(table, columns=columns, ignored=ignored)
 
 

@@ -6,22 +6,30 @@ difference between rising and falling temperature that no correction includes. H
 distribution, with the standard uncertainty `half_width / sqrt(3)` (JCGM 100, 4.3.7).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import ConfigDict
 
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.showing import brief
+from tumblecal.ground.strict_json import Size, Text, one_of
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
 # A temperature may exceed the measured range by the rounding of a number with few digits.
 _ROUNDING_DEGC = 1e-3
 _USUAL_DEGC = 25.0
+
+
+def _require_parameter(name: str) -> None:
+    if name not in SENSOR:
+        raise InputError(f"{name}: no parameter of a sensor; parameters: {', '.join(SENSOR)}")
 
 
 @dataclass(frozen=True)
@@ -41,8 +49,7 @@ class Curve:
     coefficients: Float[np.ndarray, " count"]
 
     def __post_init__(self) -> None:
-        if self.parameter not in SENSOR:
-            raise InputError(f"{self.parameter}: no parameter of a sensor; parameters: {', '.join(SENSOR)}")
+        _require_parameter(self.parameter)
         if np.shape(self.coefficients) != (self.functions.count,):
             given = counted(np.size(self.coefficients), "coefficient")
             raise InputError(f"{self.parameter}: {given}, but its functions of temperature need {self.functions.count}")
@@ -77,14 +84,15 @@ class Hysteresis:
     **Raises:** `InputError` for an unknown parameter, a negative half-width, or a unit of a different parameter.
     """
 
-    parameter: str
-    half_width: float
-    unit: str
-    not_separated_from: tuple[str, ...] = ()
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="ignore")
+
+    parameter: Annotated[Text, one_of(SENSOR)]
+    half_width: Size
+    unit: Text
+    not_separated_from: tuple[Text, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.parameter not in SENSOR:
-            raise InputError(f"{self.parameter}: no parameter of a sensor; parameters: {', '.join(SENSOR)}")
+        _require_parameter(self.parameter)
         if not 0 <= self.half_width < np.inf:
             raise InputError(f"half_width {self.half_width:g} of {self.parameter}: it must be 0 or more")
         if self.unit != (unit := GROUPS[leaf_of(self.parameter)][1]):
@@ -154,11 +162,11 @@ class TemperatureCurves:
 
     def at(self, degc: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "rows 9"]:
         """Changes of the sensor parameters since the reference temperature, in the order of `SENSOR`; outside the range too."""
-        return self._of_curves(degc, [curve.functions.values(degc) for curve in self.curves])
-
-    def slopes(self, degc: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "rows 9"]:
-        """Derivatives of the sensor parameters with respect to the temperature, per degC."""
-        return self._of_curves(degc, [curve.functions.slopes(degc) for curve in self.curves])
+        # In memory parameter by parameter.
+        changes = np.zeros((len(SENSOR), len(degc)))
+        for curve in self.curves:
+            changes[SENSOR.index(curve.parameter)] = curve.coefficients @ curve.functions.values(degc)
+        return changes.T
 
     def covariance_at(self, degc: float, *, hysteresis: bool = True) -> Float[np.ndarray, "9 9"]:
         """Covariance of the sensor parameters at one temperature; also outside the range."""
@@ -225,21 +233,13 @@ class TemperatureCurves:
     @property
     def words(self) -> str:
         """Reference, range and orders: `at 25 degC; by temperature from 0 to 60 degC: bias_x order 3, dK_z order 1`."""
-        return f"at {self.reference_degc:.4g} degC; by temperature from {self.range_words}: {', '.join(self._orders())}"
-
-    def _orders(self) -> Iterator[str]:
+        orders = list[str]()
         for curve in self.curves:
             knots = len(curve.functions.knots_degc)
             kind = "linear" if curve.functions.order == 1 else "cubic"
             order = f"{kind} spline with {counted(knots, 'knot')}" if knots else f"order {curve.functions.order}"
-            yield f"{curve.parameter} {order}"
-
-    def _of_curves(self, degc: np.ndarray, functions: Sequence[np.ndarray]) -> np.ndarray:
-        # In memory parameter by parameter.
-        changes = np.zeros((len(SENSOR), len(degc)))
-        for curve, values in zip(self.curves, functions, strict=True):
-            changes[SENSOR.index(curve.parameter)] = curve.coefficients @ values
-        return changes.T
+            orders.append(f"{curve.parameter} {order}")
+        return f"at {self.reference_degc:.4g} degC; by temperature from {self.range_words}: {', '.join(orders)}"
 
     def _jacobians(self, degc: np.ndarray) -> Float[np.ndarray, "rows 9 entries"]:
         jacobians = np.zeros((len(degc), len(SENSOR), len(self.covariance_order)))

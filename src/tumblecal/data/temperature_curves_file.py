@@ -10,32 +10,22 @@ from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurv
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import faults_of
 from tumblecal.ground.record import LEFT_OUT
-from tumblecal.ground.strict_json import LISTED, Covariance, Finite, Record, Shape, Size, Text, one_of
+from tumblecal.ground.strict_json import LISTED, Covariance, Finite, Record, Shape, Text, one_of
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
 
 
 # Smallest eigenvalue of correlations that rounding can cause: powers of the temperature are nearly dependent.
 _ROUNDING = 1e-9
-_Parameter = Annotated[Text, one_of(SENSOR)]
 
 
 class StatedCurve(Record):
     """A parameter, the order and the knots of its functions, and their coefficients with units."""
 
-    parameter: _Parameter
+    parameter: Annotated[Text, one_of(SENSOR)]
     order: Annotated[int, Field(strict=True, ge=0, le=HIGHEST_ORDER)]
     knots_degc: Annotated[list[Finite], LEFT_OUT] = Field(default_factory=list)
     coefficients: Annotated[np.ndarray, Shape((None,)), LISTED]
     units: list[Text]
-
-
-class StatedHysteresis(Record):
-    """Half of the difference of a parameter between rising and falling temperature."""
-
-    parameter: _Parameter
-    half_width: Size
-    unit: Text
-    not_separated_from: list[Text] = Field(default_factory=list)
 
 
 class StatedTemperature(Record):
@@ -46,7 +36,7 @@ class StatedTemperature(Record):
     curves: Annotated[list[StatedCurve], Field(min_length=1)]
     covariance: Covariance
     covariance_order: list[Text]
-    hysteresis: Annotated[list[StatedHysteresis], LEFT_OUT] = Field(default_factory=list)
+    hysteresis: Annotated[list[Hysteresis], LEFT_OUT] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _valid(self) -> "StatedTemperature":
@@ -68,18 +58,12 @@ class StatedTemperature(Record):
 
         **Raises:** `InputError` for values that do not agree.
         """
-        curves = [self._curve(k) for k in range(len(self.curves))]
-        hysteresis = [
-            Hysteresis(part.parameter, part.half_width, part.unit, tuple(part.not_separated_from))
-            for part in self.hysteresis
-        ]
-        return TemperatureCurves(tuple(curves), self.covariance, tuple(self.covariance_order), tuple(hysteresis))
-
-    def _curve(self, number: int) -> Curve:
-        stated, (low, high) = self.curves[number], self.range_degc
-        with faults_of(f"curves.{number}"):
-            functions = TemperatureFunctions(stated.order, self.reference_degc, (low, high), tuple(stated.knots_degc))
-            curve = Curve(stated.parameter, functions, stated.coefficients)
-            if tuple(stated.units) != curve.units:
-                raise InputError(f"{stated.parameter}: the units must be {', '.join(curve.units)}")
-        return curve
+        curves, (low, high) = list[Curve](), self.range_degc
+        for number, stated in enumerate(self.curves):
+            with faults_of(f"curves.{number}"):
+                knots = tuple(stated.knots_degc)
+                functions = TemperatureFunctions(stated.order, self.reference_degc, (low, high), knots)
+                curves.append(Curve(stated.parameter, functions, stated.coefficients))
+                if tuple(stated.units) != curves[-1].units:
+                    raise InputError(f"{stated.parameter}: the units must be {', '.join(curves[-1].units)}")
+        return TemperatureCurves(tuple(curves), self.covariance, tuple(self.covariance_order), tuple(self.hysteresis))

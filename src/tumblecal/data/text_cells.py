@@ -1,25 +1,27 @@
 """Cells of lines of text: line ends, comments, quotation marks, separators; in pieces of some megabytes."""
 
-import csv
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tumblecal.ground.decimal_marks import NUMBER
-from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, is_blank, opened, plain_ends
+from tumblecal.ground.text_file import EMPTY_CELLS, opened, plain_ends
 
 
 if TYPE_CHECKING:
     import polars as pl
 
 _PIECE = 1 << 23
-# Placeholders for separators and line ends within quotation marks, until the cells are separated.
-QUOTED_SEPARATOR, QUOTED_END = "\x02", "\x03"
+# Placeholders for line ends and other characters within quotation marks, until the cells are separated.
+QUOTED_END = "\x03"
+_QUOTED_SEPARATOR, _QUOTED_MARK = "\x02", "\x04"
 # Largest number of lines of a cell in quotation marks; if there are more, a mark is missing.
 _MOST_LINES = 10
 _BLANKS = EMPTY_CELLS.encode()
 _BLANK_FIRST = re.compile(b"\n[" + _BLANKS + b"]")
+# Comments as in `ground.text_file.comment_in`.
+_COMMENT = re.compile(rb'^(?:#.*|"#(?:[^"\n]|"")*"[,;| \t]*)$', re.MULTILINE)
 
 
 def separator_of(lines: Sequence[str]) -> str:
@@ -37,9 +39,9 @@ def separator_of(lines: Sequence[str]) -> str:
 
 def cells_of(line: str, separator: str) -> list[str]:
     """The cells of a line, without leading and trailing blanks."""
-    line = unquoted(line.encode(), separator.encode()).decode()
+    line = unquoted(line.encode(), separator).decode().replace('"', "")
     words = line.split() if separator == " " else [word.strip() for word in line.split(separator)]
-    return [word.replace(QUOTED_SEPARATOR, separator) for word in words]
+    return [restored(word, separator) for word in words]
 
 
 def row_of(line: str, separator: str) -> list[str]:
@@ -48,148 +50,102 @@ def row_of(line: str, separator: str) -> list[str]:
     return cells[:-1] if cells and not cells[-1] else cells
 
 
-def strict_cells(line: str, separator: str) -> list[str]:
-    """The cells of a line or of a few lines.
-
-    **Raises:** `csv.Error` for wrong quotation marks.
-    """
-    return next(csv.reader(line.splitlines(keepends=True), strict=True, delimiter=separator, skipinitialspace=True), [])
-
-
 def numbers_in(row: Sequence[str]) -> int:
     """Number of cells that are numbers."""
     return sum(bool(NUMBER.fullmatch(cell)) for cell in row)
 
 
-def is_row(line: bytes) -> bool:
-    """Whether a line is a row: neither blank nor a comment."""
-    if line[:1] not in b'#" \t,;|\r':
-        return True
-    text = line.decode("utf-8", "replace")
-    return not is_blank(text) and comment_in(text) is None
-
-
-def row_lines(piece: bytes) -> list[bool] | None:
-    """Which lines of a piece are rows; None if all are, according to their first characters."""
-    if b"#" not in piece and piece[:1] not in _BLANKS and not _BLANK_FIRST.search(piece):
-        return None
-    return [is_row(line) for line in piece.removesuffix(b"\n").split(b"\n")]
-
-
 def pieces_of(path: Path, first_line: int = 1) -> Iterator[bytes]:
     """The lines of a text from `first_line` on, in pieces of complete lines that end in line feeds."""
+    skipped = first_line - 1
     with opened(path) as file:
-        rest, skipped = b"", first_line - 1
-        while piece := file.read(_PIECE):
-            piece = rest + piece
-            cut = piece.rfind(b"\n") + 1
-            if not cut:
-                # Old systems end lines with a return only; a return at the end of the piece may be half of a line end.
-                cut = piece.rfind(b"\r", 0, -1) + 1
-            rest = piece[cut:]
-            piece, skipped = _without(plain_ends(piece[:cut]), skipped)
+        while piece := file.read(_PIECE) + file.readline():
+            piece = plain_ends(piece)
+            while skipped and piece:
+                piece, skipped = piece.partition(b"\n")[2], skipped - 1
             if piece:
                 yield piece
-        piece, _ = _without(plain_ends(rest), skipped)
-        if piece:
-            yield piece
 
 
-def _without(piece: bytes, lines: int) -> tuple[bytes, int]:
-    """A piece without its first lines, and the number of lines to remove from the next pieces."""
-    while lines and piece:
-        end = piece.find(b"\n") + 1 or len(piece)
-        piece, lines = piece[end:], lines - 1
-    return piece, lines
-
-
-def joined_pieces(pieces: Iterator[bytes], separator: str, width: int) -> Iterator[bytes]:
-    """Pieces in which the lines of a quoted cell are joined in its first line, and its other lines are blank."""
+def with_whole_cells(pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """Pieces in which no quoted cell is cut: the line of an open quotation mark begins the next piece."""
     rest = b""
     for piece in pieces:
-        if b'"' not in piece and not rest:
-            yield piece
-            continue
-        lines = (rest + piece).split(b"\n")
-        # The text after the last line feed is empty, or a line without an end.
-        begun = _join(lines, len(lines) - 1, separator, width)
-        piece, rest = b"\n".join([*lines[:begun], b""]), b"\n".join(lines[begun:])
+        piece, rest = rest + piece, b""
+        if piece.count(b'"') % 2:
+            start = piece.rfind(b"\n", 0, piece.rfind(b'"')) + 1
+            if piece.count(b"\n", start) < _MOST_LINES:
+                piece, rest = piece[:start], piece[start:]
         if piece:
             yield piece
     if rest:
-        lines = rest.split(b"\n")
-        _join(lines, len(lines), separator, width)
-        yield b"\n".join(lines)
+        yield rest
 
 
-def _join(lines: list[bytes], count: int, separator: str, width: int) -> int:
-    """Join the first lines in place if a cell has several; returns the line from which a cell may continue after them."""
-    spans, begun = spans_of(lines[:count], separator, width)
-    for start, end in spans:
-        lines[start:end] = [QUOTED_END.encode().join(lines[start:end]), *[b""] * (end - start - 1)]
-    return begun
+def unquoted(text: bytes, separator: str) -> bytes:
+    """Text with the contents of quoted cells in place of them, with placeholders for separators, line ends and marks.
 
-
-def spans_of(lines: Sequence[bytes], separator: str, width: int) -> tuple[list[tuple[int, int]], int]:
-    """The ranges of lines that are one row of `width` cells, because a quoted cell has several lines.
-
-    **Returns:** the ranges, and the line from which a cell may continue after these lines; an unclosed mark is ignored.
-    """
-    spans, until = list[tuple[int, int]](), 0
-    for k, line in enumerate(lines):
-        if k < until or line.count(b'"') % 2 == 0 or line[:1] == b"#":
-            continue
-        for end in range(k + 2, k + 1 + _MOST_LINES):
-            if end > len(lines):
-                return spans, k
-            joined = b"\n".join(lines[k:end])
-            if joined.count(b'"') % 2 == 0:
-                if _is_whole(joined, separator, width):
-                    spans.append((k, end))
-                    until = end
-                break
-    return spans, len(lines)
-
-
-def _is_whole(lines: bytes, separator: str, width: int) -> bool:
-    """Whether lines are one row of strict CSV."""
-    try:
-        cells = strict_cells(lines.decode("utf-8", "replace"), separator)
-    except csv.Error:
-        return False
-    return len(cells) == width or (len(cells) == width + 1 and not cells[-1])
-
-
-def unquoted(text: bytes, separator: bytes) -> bytes:
-    """Text without quotation marks: quoted separators become `QUOTED_SEPARATOR`, and a doubled mark becomes one.
-
-    All marks of a line with an odd number are removed; otherwise it would include the following lines.
+    Quotation marks that remain do not enclose a cell.
     """
     if b'"' not in text:
         return text
-    parts = text.split(b'"')
-    if len(parts) % 2 == 0 or b"\n" in b"".join(parts[1::2]):
-        lines = text.split(b"\n")
-        return b"\n".join(
-            line.replace(b'"', b"") if line.count(b'"') % 2 else unquoted(line, separator) for line in lines
-        )
-    if separator in b"".join(parts[1::2]):
-        parts[1::2] = [part.replace(separator, QUOTED_SEPARATOR.encode()) for part in parts[1::2]]
-    parts[2:-1:2] = [part or b'"' for part in parts[2:-1:2]]
-    return b"".join(parts)
+    between = b" \t" if separator == " " else re.escape(separator.encode())
+    cell = rb'(?<![^\n%b]) *"((?:[^"\n]|"")*(?:\n(?:[^"\n]|"")*){0,%d})" *(?=[\n%b]|\Z)'
+    marks = {b'""': _QUOTED_MARK, separator.encode(): _QUOTED_SEPARATOR, b"\n": QUOTED_END}
+
+    def content(quoted: re.Match[bytes]) -> bytes:
+        found = quoted[1]
+        for mark, placeholder in marks.items():
+            found = found.replace(mark, placeholder.encode())
+        return found
+
+    return re.sub(cell % (between, _MOST_LINES - 1, between), content, text)
+
+
+def restored(cell: str, separator: str) -> str:
+    """A cell with the characters that were within quotation marks."""
+    for placeholder, text in _placeholders(separator):
+        cell = cell.replace(placeholder, text)
+    return cell
+
+
+def _placeholders(separator: str) -> tuple[tuple[str, str], ...]:
+    return (_QUOTED_SEPARATOR, separator), (QUOTED_END, "\n"), (_QUOTED_MARK, '"')
+
+
+def without_comments(piece: bytes) -> bytes:
+    """Lines with blank ones in place of comments."""
+    return _COMMENT.sub(b"", piece) if b"#" in piece else piece
+
+
+def row_lines(piece: bytes) -> list[bool] | None:
+    """Which lines of a piece are not blank; None if all are, according to their first characters."""
+    if piece[:1] not in _BLANKS and not _BLANK_FIRST.search(piece):
+        return None
+    return [bool(line.strip(_BLANKS)) for line in piece.removesuffix(b"\n").split(b"\n")]
 
 
 def frame_of(piece: bytes, separator: str, numeric: Sequence[bool]) -> "pl.DataFrame":
-    """The rows of complete lines: columns c0, c1 ... and `more`, which is null unless a line has too many cells.
+    """The lines of a piece: columns c0, c1 ... and `more`, which is null unless a line has too many cells.
 
     **Arguments:**
 
-    - `piece`: lines that end in line feeds. `numeric`: whether the cells of each column become numbers.
+    - `piece`: lines after `unquoted`. `numeric`: whether the cells of each column become numbers.
     """
     import polars as pl
 
-    piece = _parted(unquoted(piece, separator.encode()), separator, words=not all(numeric))
-    # A line with one cell too many, so that such lines are detected.
+    between, words = separator.encode(), not all(numeric)
+    # One character between cells, no blanks around them, no plus signs, and no separator at the end of a line.
+    piece = piece.replace(b'"', b"")
+    if separator == " ":
+        if b"  " in piece or b"\t" in piece or b"\n " in piece or piece[:1] == b" ":
+            piece = re.sub(rb"(?m)^ ", b"", re.sub(rb"[ \t]+", b" ", piece))
+    elif b" " in piece:
+        padded = rb"(?m)^ +| *(" + re.escape(between) + rb") *"
+        piece = re.sub(padded, rb"\1", piece) if words else piece.replace(b" ", b"")
+    piece = piece.replace(between + b"\n", b"\n")
+    piece = piece if words else piece.replace(b"+", b"")
+    # A first line with one cell too many, so that such lines are detected.
     full = separator.join(["0"] * (len(numeric) + 1)).encode() + b"\n"
     schema = {f"c{k}": pl.Float64 if number else pl.String for k, number in enumerate(numeric)}
     frame = pl.read_csv(
@@ -202,22 +158,7 @@ def frame_of(piece: bytes, separator: str, numeric: Sequence[bool]) -> "pl.DataF
         encoding="utf8-lossy",
         quote_char=None,
     ).slice(1)
-    for placeholder, text in ((QUOTED_SEPARATOR, separator), (QUOTED_END, "\n")):
+    for placeholder, text in _placeholders(separator):
         if placeholder.encode() in piece:
             frame = frame.with_columns(pl.col(pl.String).str.replace_all(placeholder, text, literal=True))
     return frame
-
-
-def _parted(piece: bytes, separator: str, *, words: bool) -> bytes:
-    """The lines in the form for polars: one character between cells, no plus signs."""
-    between = separator.encode()
-    if between == b" ":
-        if b"  " in piece or b"\t" in piece or b"\n " in piece or piece[:1] == b" ":
-            piece = re.sub(rb"(?m)^ ", b"", re.sub(rb"[ \t]+", b" ", piece))
-    elif b" " in piece:
-        piece = (
-            re.sub(rb"(?m)^ +| *(" + re.escape(between) + rb") *", rb"\1", piece) if words else piece.replace(b" ", b"")
-        )
-    # A separator at the end of a line does not begin a cell.
-    piece = piece.replace(between + b"\n", b"\n")
-    return piece if words else piece.replace(b"+", b"")

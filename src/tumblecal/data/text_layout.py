@@ -1,21 +1,24 @@
 """Layout of delimited text, determined once from its lines, and its rows."""
 
-import csv
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from tumblecal.data.text_cells import (
     QUOTED_END,
     cells_of,
     frame_of,
-    joined_pieces,
     pieces_of,
+    restored,
     row_lines,
-    strict_cells,
+    unquoted,
+    with_whole_cells,
+    without_comments,
 )
-from tumblecal.ground.text_file import comment_in, is_blank, lines_at_end, may_be_cut
+from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, is_blank, lines_at_end, may_be_cut
 
 
 if TYPE_CHECKING:
@@ -55,64 +58,47 @@ class TextLayout:
         return words + (f", first row in line {self.first_line}" if self.first_line > 1 else ", no header line")
 
     def pieces(self) -> Iterator[tuple[int, bytes]]:
-        """Lines from the first row on, with the number of the first line of each piece; a quoted cell is in one line."""
+        """Lines from the first row on, without marks around quoted cells, and the number of the first one in each piece."""
         line = self.first_line
-        for piece in joined_pieces(pieces_of(self.path, line), self.separator, len(self.names)):
-            yield line, self.form.applied(piece) if self.form else piece
+        for piece in with_whole_cells(pieces_of(self.path, line)):
+            converted = self.form.applied(piece) if self.form else piece
+            yield line, unquoted(without_comments(converted), self.separator)
             line += piece.count(b"\n")
 
-    def frames(
-        self,
-        names: Sequence[str],
-        *,
-        check: Callable[[bytes], None] = lambda piece: None,
-        longer: Callable[[int], None] = lambda line: None,
-        cut: Callable[[int], None] | None = None,
-    ) -> Iterator["pl.DataFrame"]:
+    def frames(self, names: Sequence[str], *, cut: Callable[[int], None] | None = None) -> Iterator["pl.DataFrame"]:
         """The rows of these columns and their lines (`ROW`), in pieces; cells of rows that are too long are null.
 
         **Arguments:**
 
-        - `check`: called first with each piece. `longer`: called with the line of the first row of a piece that is too long.
         - `cut`: called with the line of a last row that may be truncated, which becomes null.
         """
         import polars as pl
 
         for line, piece in self.pieces():
-            check(piece)
             frame = frame_of(piece, self.separator, [name in self.numeric for name in self.names])
-            more = frame["more"].is_not_null()
             cells = [pl.col(f"c{self.names.index(name)}").alias(name) for name in names]
-            are_rows = row_lines(piece)
-            lines = pl.Series(ROW, range(line, line + len(frame)))
-            frame = frame.select(cells).with_columns(lines)
-            if more.any():
-                rows = more if are_rows is None else more & pl.Series(are_rows)
-                if rows.any():
-                    longer(line + int(rows.arg_max() or 0))
-                frame = frame.with_columns(pl.when(~more).then(pl.col(name)) for name in names)
+            if frame["more"].is_not_null().any():
+                cells = [pl.when(pl.col("more").is_null()).then(cell) for cell in cells]
+            numbers = np.arange(line, line + len(frame))
+            if QUOTED_END.encode() in piece:
+                ends = [text.count(QUOTED_END.encode()) for text in piece.split(b"\n")[: len(frame) - 1]]
+                numbers[1:] += np.cumsum(ends, dtype=int)
             if cut and not piece.endswith(b"\n") and self.cut_row("most"):
-                cut(line + len(frame) - 1)
-                frame = frame.with_columns(
-                    pl.col(name).slice(0, len(frame) - 1).extend_constant(None, 1) for name in names
-                )
+                cut(int(numbers[-1]))
+                last = pl.int_range(pl.len()) == pl.len() - 1
+                cells = [pl.when(~last).then(cell) for cell in cells]
+            frame = frame.select(cells).with_columns(pl.Series(ROW, numbers))
+            are_rows = row_lines(piece)
             yield frame if are_rows is None else frame.filter(pl.Series(are_rows))
 
     def rows(self) -> Iterator[tuple[int, list[str], str]]:
         """The line and the cells of each row of strict CSV, and the fault of its quotation marks."""
         for line, piece in self.pieces():
-            lines = piece.removesuffix(b"\n").decode().split("\n")
-            are_rows = row_lines(piece) or [True] * len(lines)
-            for k, (text, is_row) in enumerate(zip(lines, are_rows, strict=True)):
-                if not is_row:
-                    continue
-                if '"' not in text:
-                    yield line + k, text.split(self.separator), ""
-                    continue
-                try:
-                    yield line + k, strict_cells(text.replace(QUOTED_END, "\n"), self.separator), ""
-                except csv.Error as error:
-                    yield line + k, [], f"{error}; check the quotation marks"
+            for text in piece.removesuffix(b"\n").decode().split("\n"):
+                if text.strip(EMPTY_CELLS):
+                    fault = "quotation marks within a cell; check the quotation marks" if '"' in text else ""
+                    yield line, [restored(cell, self.separator) for cell in text.split(self.separator)], fault
+                line += 1 + text.count(QUOTED_END)
 
     def cut_row(self, digits: str = "fewest") -> list[str]:
         """The cells of a last line without a line end that may be truncated, compared with other lines; otherwise none.

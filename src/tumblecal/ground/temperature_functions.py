@@ -105,13 +105,6 @@ class TemperatureFunctions:
         """The functions (count, rows) at temperatures (rows), of numpy or JAX."""
         return _stacked(degc, function_rows(degc, self.order, self.reference_degc, self.knots_degc))
 
-    def slopes(self, degc: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "count rows"]:
-        """The derivatives of the functions with respect to the temperature, 1/degC times the unit of each."""
-        above = degc - self.reference_degc
-        rows = [power * above ** (power - 1) for power in range(1, self.order + 1)]
-        rows += [self.order * np.maximum(degc - k, 0.0) ** (self.order - 1) * (degc > k) for k in self.knots_degc]
-        return _stacked(degc, rows)
-
     def orthonormal(self, degc: Any) -> Any:
         """The orthonormal combinations (count, rows) at temperatures (rows), of numpy or JAX."""
         rows = function_rows(degc, self.order, self.reference_degc, self.knots_degc)

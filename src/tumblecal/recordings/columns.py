@@ -12,7 +12,6 @@ from tumblecal.data.column_names import FORCE, QUANTITIES, RATE, exact_role, rol
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.option_texts import pairs
 from tumblecal.ground.text_file import shown
-from tumblecal.recordings.clock import FORMS, TIME_S, seconds_of
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
 
@@ -24,7 +23,49 @@ RATE_KEYS = (
 )
 # The option that names the columns of the accelerations, for messages.
 COLUMNS_OPTION = "--columns ax=...,ay=...,az=..."
+TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100us": 1e-4, "min": 60.0, "h": 3600.0}
+DAY_S = 86400
+_TIME = (
+    r"(?P<hour>\d{1,3}):(?P<minute>[0-5]?\d):(?P<second>[0-5]?\d(?:[.,:]\d*)?)"
+    r"\s*(?P<half>[AaPp])?\.?(?:[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?\s*$"
+)
+_DAY, _MONTH, _YEAR = r"(?P<day>\d{1,2})", r"(?P<month>\d{1,2})", r"(?P<year>\d{4}|\d\d)"
+_DATES = {
+    "y-m-d": rf"^\s*(?P<year>\d{{4}})[-/.]{_MONTH}[-/.]{_DAY}",
+    "d-Mon-y": rf"^\s*{_DAY}-(?P<name>[A-Za-z]{{3}})-{_YEAR}",
+    "d.m.y": rf"^\s*{_DAY}\.{_MONTH}\.{_YEAR}",
+    "m/d/y": rf"^\s*{_MONTH}[/-]{_DAY}[/-]{_YEAR}",
+    "d/m/y": rf"^\s*{_DAY}[/-]{_MONTH}[/-]{_YEAR}",
+}
+FORMS = {
+    **{f"{form} h:m:s": rf"{date}[T,]?\s*{_TIME}" for form, date in _DATES.items()},
+    # If day and month of a date are ambiguous, only the time of day is used.
+    "day h:m:s": rf"^\s*\d{{1,2}}[/-]\d{{1,2}}[/-]\d{{2,4}}[T,]?\s*{_TIME}",
+    "h:m:s": rf"^\s*{_TIME}",
+    **{form: rf"{date}\s*$" for form, date in _DATES.items()},
+}
 _KINDS = dict.fromkeys(FORCE, "acceleration") | dict.fromkeys(RATE, "rate")
+
+
+def seconds_of(name: str, form: str, first_day: float = 0.0) -> pl.Expr:
+    """The times of a column of text, s, from midnight of a day (counted from 1970); null for cells of another form."""
+    group = pl.col(name).str.extract_groups(FORMS[form]).struct.field
+    seconds = pl.lit(0.0)
+    if "<hour>" in FORMS[form]:
+        hour, minute = (group(unit).cast(pl.Int64, strict=False) for unit in ("hour", "minute"))
+        second = group("second").str.replace("[,:]", ".").cast(pl.Float64, strict=False)
+        half = group("half").str.to_lowercase()
+        hour = pl.when(half.is_null()).then(hour).otherwise(hour % 12 + 12 * (half == "p").cast(pl.Int64))
+        # +0530 is 330 minutes ahead.
+        zone = group("zone").str.replace(":", "", literal=True).cast(pl.Int64, strict=False).fill_null(0)
+        minute = minute - zone + 40 * (zone / 100).cast(pl.Int64)
+        seconds = hour * 3600 + minute * 60 + second
+    if "<year>" not in FORMS[form]:
+        return seconds
+    year = ("20" + group("year")).str.slice(-4)
+    month, kind = ("name", "%Y-%b-%d") if "<name>" in FORMS[form] else ("month", "%Y-%m-%d")
+    date = pl.concat_str([year, group(month), group("day")], separator="-").str.to_date(kind, strict=False)
+    return (date.cast(pl.Int64) - int(first_day)) * DAY_S + seconds
 
 
 @dataclass(frozen=True)

@@ -75,20 +75,16 @@ def _chosen(path: Path, tables: Sequence[Table], options: RecordingOptions) -> T
     """
     if len(tables) == 1 and tables[0].columns and not options.topic:
         return tables[0]
-    given = [
-        table for table in tables if options.topic in ("", table.name) and (options.topic or _has_force(table, options))
+    wanted = [
+        table for table in tables if options.topic == table.name or (not options.topic and _has_force(table, options))
     ]
-    if not given:
-        there = (
-            ", ".join(
-                f"{table.name or 'a table without a name'} ({table.words or f'{table.rows} rows'})" for table in tables
-            )
-            or "nothing"
-        )
+    if not wanted:
+        found = [f"{one.name or 'a table without a name'} ({one.words or f'{one.rows} rows'})" for one in tables]
         missing = f"topic {options.topic}" if options.topic else "accelerations"
         choices = [f"--topic {shlex.quote(table.name)}" for table in tables if table.name and len(table.columns) > 2]
-        raise question(path, f"no {missing}; the file has {there}{'; choose one' if choices else ''}", choices)
-    return max(given, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
+        words = f"no {missing}; the file has {', '.join(found) or 'nothing'}{'; choose one' if choices else ''}"
+        raise question(path, words, choices)
+    return max(wanted, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
 
 
 def _has_force(table: Table, options: RecordingOptions) -> bool:

@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
+
+from pydantic import ConfigDict
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class RecordingOptions:
     range_g
         Full scale in g of the device of a byte log, if the stream does not state it. Default: none. Example: --range-g 10.
     """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     columns: str = ""
     rows: str = ""

@@ -14,10 +14,6 @@ from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import KnownContext
 
 
-# This many consecutive rows of one position are samples of a dwell.
-_LIKE_SAMPLES = 16
-
-
 def own_columns(path: Path) -> set[str]:
     """The columns of a CSV or Parquet file with accelerations by the names of this program; none for other files."""
     table = path.suffix in (".csv", ".parquet") and path.is_file()
@@ -27,7 +23,7 @@ def own_columns(path: Path) -> set[str]:
 
 def are_samples(data: PositionSet) -> bool:
     """Whether the rows of a table are samples of dwells, not means."""
-    return len(data) >= _LIKE_SAMPLES * data.stretches
+    return data.of_samples
 
 
 def with_context(data: PositionSet, context: KnownContext) -> PositionSet:

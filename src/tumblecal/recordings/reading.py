@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tumblecal.capture.decoding.sample_table import write_frames
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.ground.atomic import scratch_folder
-from tumblecal.recordings.clock import DAY_S, LONGEST_STEP_S, regular
-from tumblecal.recordings.columns import stated_rate
+from tumblecal.recordings.clock import LONGEST_STEP_S, regular
+from tumblecal.recordings.columns import DAY_S, stated_rate
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.opening import opened
 from tumblecal.recordings.options import RecordingOptions

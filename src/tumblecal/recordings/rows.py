@@ -15,8 +15,7 @@ from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.plain_text import CONTROLS, column_from_text
-from tumblecal.recordings.clock import DAY_S
-from tumblecal.recordings.columns import Column, Layout
+from tumblecal.recordings.columns import DAY_S, Column, Layout
 from tumblecal.recordings.damage import DamageRecord
 from tumblecal.recordings.table import Table
 from tumblecal.recordings.units import signed_words
@@ -76,20 +75,20 @@ def sample_frames(
     wanted = [part.name for column in columns.values() for part in column.parts]
     needed = [role for role in (*FORCE, *RATE, "time", *NUMBERS) if role in named]
     # Numbers too large for any quantity are damage, and would overflow the sums of squares.
-    usual = [
-        pl.col(named[role]).abs().fill_nan(np.inf) < (np.inf if role == "time" else LARGEST_NUMBER) for role in needed
-    ]
-    force = [columns[axis] for axis in FORCE]
+    numbers = [pl.col(named[role]).abs().fill_nan(np.inf) for role in needed if role != "time"]
+    complete = [number < LARGEST_NUMBER for number in numbers]
+    complete += [pl.col("time_s").is_finite()] if "time" in named else []
     seen, last, midnights = 0, 0.0, 0
     for piece in table.pieces(list(dict.fromkeys([*wanted, *more]))):
         frame = piece.select(
             (_label(columns[role].name) if role in LABELS else columns[role].reading()).alias(name)
             for role, name in named.items()
         )
-        checked = piece.gather_every(1 + len(piece) // _CHECKED_ROWS)
-        numbers = np.stack([Column(axis.name).numbers(checked) for axis in force], axis=1)
-        if not force[0].bits and (words := signed_words([axis.name for axis in force], numbers)):
-            raise InputError(f"{path}: {words}")
+        if not columns["ax"].bits:
+            checked = piece.gather_every(1 + len(piece) // _CHECKED_ROWS)
+            axes = [columns[axis].name for axis in FORCE]
+            if words := signed_words(axes, np.stack([Column(axis).numbers(checked) for axis in axes], axis=1)):
+                raise InputError(f"{path}: {words}")
         if "time_s" in frame.columns:
             times = frame["time_s"].drop_nans()
             begin += [] if begin else times.filter(times.abs() < LARGEST_NUMBER).head(1).to_list()
@@ -99,22 +98,20 @@ def sample_frames(
                 known = pl.Series([last]).append(frame["time_s"].fill_nan(None)).forward_fill()
                 passed = (known.diff() < -DAY_S / 2).fill_null(value=False).cum_sum().slice(1) + midnights
                 frame, last, midnights = frame.with_columns(pl.col("time_s") + DAY_S * passed), known[-1], passed[-1]
-        whole = frame.select(pl.all_horizontal(usual).fill_null(value=False)).to_series()
+        whole = frame.select(pl.all_horizontal(complete).fill_null(value=False)).to_series()
         places = piece[ROW] if ROW in piece.columns else pl.Series(np.arange(seen + 1, seen + len(piece) + 1))
         seen += len(piece)
-        if not whole.all():
-            lost = (~whole).arg_true()
-            unread.first += places.gather(lost[: _SHOWN - len(unread.first)]).to_list()
-            unread.rows += len(lost)
+        lost = (~whole).arg_true()
+        unread.first += places.gather(lost[: _SHOWN - len(unread.first)]).to_list()
+        unread.rows += len(lost)
+        if len(lost) and unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen):
             # Rows of erased memory, and of another sensor in the same table, have no cell that should be a number.
             cells = pl.col(columns[role].name for role in needed if not columns[role].form)
             wrong = pl.any_horizontal(cells.is_not_null() & cells.cast(pl.Float64, strict=False).is_null())
-            share = piece[lost].select(wrong.mean()).item()
-            if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and share > _MOST_UNREADABLE:
-                raise InputError(
-                    f"{path}:{table.row_word} {unread.first[0]}: {unread.rows} of {seen} rows cannot be read as "
-                    f"{', '.join(wanted)}. Give the columns of the quantities by --columns"
-                )
+            if piece[lost].select(wrong.mean()).item() > _MOST_UNREADABLE:
+                words = f"{unread.rows} of {seen} rows cannot be read as {', '.join(wanted)}"
+                place = f"{path}:{table.row_word} {unread.first[0]}"
+                raise InputError(f"{place}: {words}. Give the columns of the quantities by --columns")
         source = [piece.select(more).to_struct(SOURCE_COLUMNS)] if more else []
         yield frame.with_columns(whole.alias(WHOLE), places.alias(ROW), *source)
     if unread.rows == seen:

@@ -1,25 +1,28 @@
-"""The units of accelerations and angular rates: by option, by format or name, or by the size of gravity."""
+"""The size of gravity in readings, and the units of accelerations and angular rates by option or by this size."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.data.column_names import FORCE, RATE
+from tumblecal.data.gravity_size import sphere_of
 from tumblecal.data.table import DIFFERENT_UNITS
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS_PER_G
-from tumblecal.recordings.columns import Column
+from tumblecal.ground.option_texts import pairs
+from tumblecal.recordings.columns import Column, is_number
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
 
 
-# The unit as this program writes it, for each unit as a user writes it.
-_FORCE_UNITS = {"m/s2": "ms2", "m/s^2": "ms2", "m/s²": "ms2", "ms2": "ms2", "g": "g", "mg": "mg"}
-_RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "rads": "rads"}
-_KNOWN = {"--unit": (_FORCE_UNITS, "g"), "--gyro-unit": (_RATE_UNITS, "dps")}
+# For each option the unit as this program writes it, by the units as a user writes them.
+_KNOWN = {
+    "--unit": {"m/s2": "ms2", "m/s^2": "ms2", "m/s²": "ms2", "ms2": "ms2", "g": "g", "mg": "mg"},
+    "--gyro-unit": {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "rads": "rads"},
+}
 # Names of units in files, as an option is written.
 AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
 PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
@@ -43,12 +46,29 @@ def stated_unit(text: str, option: str) -> tuple[str, float | None]:
 
     **Raises:** `InputError` for an unknown unit.
     """
-    known, of = _KNOWN[option]
+    known, of = _KNOWN[option], {"--unit": "g", "--gyro-unit": "dps"}[option]
     plain = text.lower().replace(" ", "")
-    counts = re.fullmatch(rf"(?:lsb|counts)?([0-9.]+(?:e[+-]?\d+)?)(?:lsb|counts?)?/{of}", plain)
-    if plain not in known and not counts and plain not in ("counts", "lsb"):
+    counts = re.fullmatch(rf"(?:(?:lsb|counts)?([0-9.]+(?:e[+-]?\d+)?)(?:lsb|counts?)?/{of}|counts|lsb)", plain)
+    if plain not in known and not counts:
         raise InputError(f"{option} {text}: not a unit; write {', '.join(known)}, or counts such as 16384/{of}")
-    return known.get(plain, "counts"), float(counts[1]) if counts else None
+    return known.get(plain, "counts"), float(counts[1]) if counts and counts[1] else None
+
+
+def scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[str, Column]:
+    """The columns with the scales, offsets and bits of the options."""
+    axes = (*FORCE, *RATE)
+    found = {role: replace(one, bits=options.signed or 0) if role in axes else one for role, one in columns.items()}
+    for option, text in (("scale", options.scale), ("offset", options.offset)):
+        one_for_all = dict.fromkeys(FORCE, text) if text else {}
+        for role, number in (pairs(f"--{option}", text, "ax=0.5,ay=0.4") if "=" in text else one_for_all).items():
+            value = float(number) if is_number(number) else np.nan
+            if role not in found:
+                raise InputError(f"--{option}: {role} is not among the columns; there are {', '.join(columns)}")
+            if not np.isfinite(value) or (option == "scale" and not value):
+                cure = "not a finite number (a scale: other than 0); write 0.5, or ax=0.5,ay=0.4"
+                raise InputError(f"--{option} {text}: {cure}")
+            found[role] = replace(found[role], **{option: value})
+    return found
 
 
 def with_units(
@@ -72,45 +92,43 @@ def with_units(
 
     **Raises:** `InputError` for an unknown unit, or if the names of the axes state different ones.
     """
-    size, changes, dispersion = sizes
-    unit, per_g, why = _stated(columns, FORCE, options.unit, "--unit", path)
-    if why == "name" and unit in ("", "counts"):
+    (size, changes, dispersion), stated = sizes, dict[str, tuple[str, float | None, str]]()
+    for roles, given, option, letter in (
+        (FORCE, options.unit, "--unit", "a"),
+        (RATE, options.gyro_unit, "--gyro-unit", "g"),
+    ):
+        there = [columns[role] for role in roles if role in columns]
+        named = list(dict.fromkeys(column.unit for column in there if column.unit))
+        unit, per, why = next(iter(named), ""), None, "name"
+        if given:
+            (unit, per), why = stated_unit(given, option), "option"
+        elif len(named) > 1:
+            raise InputError(f"{path}: {', '.join(column.name for column in there)} {DIFFERENT_UNITS}")
+        elif unit in ("", "counts"):
+            per = table.per_unit.get(letter) if letter == "g" or not options.scale else None
+            why = "format" if per else "not known"
+        stated[letter] = unit, per, why
+    unit, per_g, why = stated["a"]
+    if why == "not known":
         near = unit_by_size(size, without_bias=dispersion < changes, whole=whole) if np.isfinite(dispersion) else ""
-        if "a" in table.per_unit and not options.scale:
-            per_g, why = table.per_unit["a"], "format"
-        elif unit and "counts_per_g" in table.stated:
+        if unit and "counts_per_g" in table.stated:
             per_g, why = float(table.stated["counts_per_g"]), "file"
-        elif not near or (unit and not near.endswith("/g")):
-            why = "not known"
-        else:
+        elif near and (not unit or near.endswith("/g")):
             (unit, per_g), why = stated_unit(near, "--unit"), "size"
             notes.append(f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)")
-    rate, per_dps, rate_why = _stated(columns, RATE, options.gyro_unit, "--gyro-unit", path)
-    if rate_why == "name" and rate in ("", "counts"):
-        per_dps, rate_why = table.per_unit.get("g"), "format" if "g" in table.per_unit else "not known"
-        if {*RATE} & {*columns} and not rate:
-            notes.append("unit of the angular rates not known: not converted (to set it: --gyro-unit)")
     unit = unit or "counts"
+    rate, per_dps, rate_why = stated["g"]
+    if {*RATE} & {*columns} and not rate and rate_why in ("format", "not known"):
+        notes.append("unit of the angular rates not known: not converted (to set it: --gyro-unit)")
     rate = "dps" if per_dps else rate or ("counts" if unit == "counts" else "raw")
     found = dict(columns)
     for role in filter(columns.__contains__, (*FORCE, *RATE)):
-        column, own, evidence = columns[role], *((unit, why) if role in FORCE else (rate, rate_why))
-        scale = column.scale / (per_dps if per_dps and role in RATE else 1.0)
-        found[role] = replace(column, unit=own, scale=scale, unit_why=evidence)
+        column = columns[role]
+        if role in FORCE:
+            found[role] = replace(column, unit=unit, unit_why=why)
+        else:
+            found[role] = replace(column, unit=rate, unit_why=rate_why, scale=column.scale / (per_dps or 1.0))
     return found, per_g
-
-
-def _stated(
-    columns: Mapping[str, Column], roles: Sequence[str], given: str, option: str, path: str
-) -> tuple[str, float | None, str]:
-    """The unit of some axes by an option or their names, its counts for one g or deg/s, and the evidence."""
-    there = [columns[role] for role in roles if role in columns]
-    named = list(dict.fromkeys(column.unit for column in there if column.unit))
-    if given:
-        return *stated_unit(given, option), "option"
-    if len(named) > 1:
-        raise InputError(f"{path}: {', '.join(column.name for column in there)} {DIFFERENT_UNITS}")
-    return next(iter(named), ""), None, "name"
 
 
 def unit_by_size(size: float, *, without_bias: bool = False, whole: bool = True) -> str:
@@ -118,15 +136,16 @@ def unit_by_size(size: float, *, without_bias: bool = False, whole: bool = True)
 
     **Arguments:**
 
-    - `without_bias`: whether the size is the radius of a sphere through readings of several attitudes.
+    - `without_bias`: whether the size is the radius of a sphere through readings of several attitudes. `whole`: whether they
+      are whole numbers, like counts.
     """
     if not size > 0:
         return ""
     near, per = min(UNITS_PER_G.items(), key=lambda unit: abs(np.log(size / unit[1])))
     ratio = _LARGEST_RATIO_WITHOUT_BIAS if without_bias else _LARGEST_RATIO
-    counts = "" if near in ("g", "mg", "m/s2") else f"{per:g}/g"
-    # Counts are whole.
-    return counts * whole or near * (not counts) if 1 / ratio < size / per < ratio else ""
+    if not 1 / ratio < size / per < ratio:
+        return ""
+    return near if near in ("g", "mg", "m/s2") else f"{per:g}/g" * whole
 
 
 def may_be_gravity(size: float, unit: str) -> bool:
@@ -135,7 +154,7 @@ def may_be_gravity(size: float, unit: str) -> bool:
     return any(_SMALLEST < size / one < _LARGEST for one in sizes)
 
 
-def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
+def signed_words(names: list[str], values: NDArray[np.float64]) -> str:
     """The question about whole numbers (n, 3) of which negative ones are written as unsigned ones; empty for others.
 
     Then rows with a number in the upper half of the range have lengths far from those of the other rows (or from one g in a
@@ -150,12 +169,12 @@ def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
     rows = upper.any(1)
     as_written, as_signed = (np.linalg.norm(one, axis=1) for one in (values, values - 2.0**bits * upper))
     size = float(np.median(as_signed if rows.all() else as_signed[~rows]))
-    off, off_signed = (float(np.median(np.abs(one[rows] / size - 1))) for one in (as_written, as_signed))
+    away, away_signed = (float(np.median(np.abs(one[rows] / size - 1))) for one in (as_written, as_signed))
     unit = unit_by_size(size)
-    if (rows.all() and not unit) or not off_signed < _NEAR < off or off <= _FAR * off_signed:
+    if (rows.all() and not unit) or not away_signed < _NEAR < away or away <= _FAR * away_signed:
         return ""
     power = 2.0 ** np.round(np.log2(size))
-    unit = unit or (f"{power:g}/g" if 0.8 < size / power < 1.25 else f"{size:.0f}/g")
+    unit = unit or f"{power if 0.8 < size / power < 1.25 else round(size):g}/g"
     return (
         f"{', '.join(names)}: numbers up to {top:g} are negative ones, written as unsigned numbers of {bits} bits; to "
         f"read them: --signed {bits} --unit {unit}"
@@ -166,8 +185,7 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
     """The size of gravity in readings (n, 3), the largest relative change of nine tenths of the lengths, and the relative
     dispersion of the lengths about a bias: infinite if they show no gravity, because they change and never rest.
 
-    The size is the radius of the sphere through the means at rest if there is one, because a bias changes the median length;
-    |m|^2 = 2 b.m + r^2 - |b|^2 is linear in the bias b.
+    The size is the radius of the sphere through the means at rest if there is one, because a bias changes the median length.
     """
     # Equal numbers on all axes are erased memory, or a sensor that does not answer.
     values = values[np.isfinite(values).all(1) & (np.ptp(values, axis=1) > 0)]
@@ -182,19 +200,20 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
         return usual, changes, changes
     spread = windows.std(1).max(1)
     most = 3 * np.quantile(spread, 0.2) + 2e-3 * usual
-    calm = windows.mean(1)[spread <= most]
     # One mean for each attitude: those that differ from all before them.
-    means = calm[:1]
-    for mean in calm[1:]:
-        if (np.linalg.norm(means - mean, axis=1) > 0.1 * usual).all():
+    means = np.zeros((0, 3))
+    for mean in windows.mean(1)[spread <= most] / usual:
+        if (np.linalg.norm(means - mean, axis=1) > 0.1).all():
             means = np.vstack([means, mean])
     # A sensor that moves all the time has no means at rest.
-    if len(means) >= _FEWEST_ATTITUDES and most < _REST * usual:
-        matrix = np.column_stack([2 * means / usual, np.ones(len(means))])
-        found, _, rank, _ = np.linalg.lstsq(matrix, ((means / usual) ** 2).sum(1), rcond=1e-6)
-        radii = np.linalg.norm(means / usual - found[:3], axis=1)
-        radius, dispersion = float(radii.mean()), float(radii.std() / radii.mean())
-        near = dispersion < _MOST_DISPERSION and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all()
-        if rank == len(found) and near:
-            return radius * usual, changes, dispersion
+    if (
+        len(means) >= _FEWEST_ATTITUDES
+        and most < _REST * usual
+        and np.linalg.matrix_rank(means - means.mean(0), 1e-5) == 3
+    ):
+        centre, radius = sphere_of(means)
+        radii = np.linalg.norm(means - centre, axis=1)
+        dispersion = float(radii.std() / radii.mean())
+        if dispersion < _MOST_DISPERSION and (np.abs(centre) < _LARGEST_OFFSET * radius).all():
+            return float(radii.mean()) * usual, changes, dispersion
     return usual, changes, changes if most < _REST * usual or changes < _MOST_CHANGES else np.inf
