@@ -15,8 +15,8 @@ from tumblecal.chain.rig_temperature import RigTemperature
 from tumblecal.chain.where import VISITS
 from tumblecal.plan.cells import Cells
 from tumblecal.plan.information import uncertainties
+from tumblecal.plan.limits import Schedule
 from tumblecal.plan.responses import MOUNT, PITCH, Responses, Setting
-from tumblecal.plan.schedule import Schedule
 
 
 # Angles of visits that nothing determines, and that nothing depends on, get this prior, rad: no bound.

@@ -7,9 +7,8 @@ import numpy as np
 from pydantic import computed_field
 
 from tumblecal.ground.axes import AXES
-from tumblecal.plan.next.posterior import Posterior
 from tumblecal.plan.next.proposals import NextPosition
-from tumblecal.plan.next.rows import Rows
+from tumblecal.plan.next.rows import Posterior, Rows
 
 
 # Largest number of readings, smallest distance (deg) at one pitch setting, and smallest separation in standard deviations.

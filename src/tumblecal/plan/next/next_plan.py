@@ -15,16 +15,24 @@ from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.precision import single_blas_thread
-from tumblecal.plan.next.choosing import MOST, MOST_IN_SET, Value, best_of, greedy
 from tumblecal.plan.next.competition import competition
 from tumblecal.plan.next.conditions import Conditions, continued, temperature_notes
 from tumblecal.plan.next.confirming import Confirmation, confirmations
-from tumblecal.plan.next.groups import leaves_of
-from tumblecal.plan.next.posterior import sharpenings
-from tumblecal.plan.next.promise import Promise
 from tumblecal.plan.next.proposals import SIDES, Allowed, NextPosition, proposals, reversed_run
+from tumblecal.plan.next.rows import leaves_of
 from tumblecal.plan.next.sampling import REVERSED, SAMPLE, samples
-from tumblecal.plan.next.separating import LEAST_STEP, separate, separation
+from tumblecal.plan.next.separating import (
+    LEAST_STEP,
+    MOST,
+    MOST_IN_SET,
+    Promise,
+    Value,
+    best_of,
+    greedy,
+    separate,
+    separation,
+    sharpenings,
+)
 
 
 LEAST_VALUE = 1e-3
