@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 
 from tumblecal.plan.cells import Numbers
 from tumblecal.plan.criterion import Criterion
@@ -27,13 +27,13 @@ from tumblecal.plan.limits import Limits
 
 # An efficiency that needs no reason; a bound above the second share of the value is close enough.
 GOOD, _CLOSE = 0.95, 0.995
-# Largest number of tangents.
-_SEARCHES = 40
+# Largest number of tangents, and of plans that are added to a mixture.
+_SEARCHES, _MIXED = 40, 120
 # A plan this close to its bound is not searched further; the most promising classes are searched in each round.
 _ENOUGH, _ROUNDS, _CLASSES = 0.99, 3, 4
-# A mixture ends at this duality gap, or if so many plans more do not raise its bound by the second number. Share of all cells
-# together.
-_GAP, _GAIN, _PATIENCE, _FLOOR = 1e-3, 1e-4, 25, 3e-4
+# A mixture ends at this duality gap, or if so many plans more do not raise its bound. Least share of a plan in it, and share
+# of all cells together.
+_GAP, _PATIENCE, _LEAST, _FLOOR = 1e-3, 10, 1e-4, 3e-4
 # Steps of the price.
 _STEPS = 30
 
@@ -154,38 +154,52 @@ def _tangent(
     """The tangent with the highest bound, at a mixture of plans, until that reaches the logarithm `enough`: its level, from
     which the gains of a plan are subtracted, the gain of a position in each cell, and the fractions of positions in it.
 
-    The plan that reduces the criterion most is mixed in, as much of it as is best (Frank and Wolfe 1956).
+    Plans that reduce the criterion most are added to the mixture one by one (simplicial decomposition: von Hohenbalken 1977,
+    Mathematical Programming 13, 49).
     """
-    shared, columns, highest, since = len(model.names), model.columns, -np.inf, 0
+    shared, columns = len(model.names), model.columns
     flat = columns.reshape(-1, columns.shape[2])
 
-    def information(fractions: Gains) -> Square:
-        return model.information + (flat * np.repeat(fractions, 3)[:, None]).T @ flat
+    def added(fractions: Gains) -> Square:
+        return (flat * np.repeat(fractions, 3)[:, None]).T @ flat
 
-    plan = _most(limits, one, np.sum(columns[:, :, :shared] ** 2, axis=(1, 2)))[1]
-    # A little of every cell: only then do gains include that the error of a pitch setting has to be determined too.
-    floor = _FLOOR * one.cells * np.sum(plan) / np.count_nonzero(one.cells)
-    fractions = (1 - _FLOOR) * plan + floor
-    now, best = information(fractions), (0.0, floor, floor)
-    while True:
-        covariance = covariance_of(now)
+    def support(shares: np.ndarray, each: Square) -> tuple[float, float, np.ndarray]:
+        """Logarithms of the criterion and of its tangent, and R: the gain of information X is the trace of R' X R."""
+        covariance = covariance_of(before + (1 - _FLOOR) * np.tensordot(shares, each, 1))
         smooth, value, root = criterion.support(covariance[:shared, :shared])
-        gain = np.sum((flat @ (covariance[:, :shared] @ root)).reshape(len(columns), -1) ** 2, axis=1)
-        level = float(np.log(value) + gain @ fractions)
+        return float(np.log(smooth)), float(np.log(value)), covariance[:, :shared] @ root
+
+    def with_slope(shares: np.ndarray, each: Square) -> tuple[float, np.ndarray]:
+        smooth, _, root = support(shares, each)
+        return smooth, -(1 - _FLOOR) * np.sum((each @ root) * root, axis=(1, 2))
+
+    plans = _most(limits, one, np.sum(columns[:, :, :shared] ** 2, axis=(1, 2)))[1][None]
+    # A little of every cell: only then do gains include that the error of a pitch setting has to be determined too.
+    floor = _FLOOR * one.cells * np.sum(plans) / np.count_nonzero(one.cells)
+    before, each, shares = model.information + added(floor), added(plans[0])[None], np.ones(1)
+    highest, since, best = -np.inf, 0, None
+    whole = {"type": "eq", "fun": lambda s: s.sum() - 1, "jac": np.ones_like}
+    while True:
+        if len(shares) > 1:
+            options = {"maxiter": 25, "ftol": 1e-7}
+            within = [(0, 1)] * len(shares)
+            solved = minimize(
+                with_slope, shares, (each,), "SLSQP", True, bounds=within, constraints=whole, options=options
+            )
+            shares = np.maximum(solved.x, 0) / np.maximum(solved.x, 0).sum()
+        smooth, value, root = support(shares, each)
+        gain = np.sum((flat @ root).reshape(len(columns), -1) ** 2, axis=1)
+        fractions = (1 - _FLOOR) * shares @ plans + floor
+        level = value + float(gain @ fractions)
         most, plan = _most(limits, one, gain)
-        since = 0 if level - most > highest + _GAIN else since + 1
-        if level - most > highest:
+        since = 0 if level - most > highest + 1e-5 else since + 1
+        if best is None or level - most > highest:
             best, highest = (level, gain, fractions), level - most
-        if highest >= enough or np.log(smooth) - highest < _GAP or since > _PATIENCE:
+        if highest >= enough or smooth - highest < _GAP or since > _PATIENCE or len(plans) > _MIXED:
             return best
-        other = (1 - _FLOOR) * plan + floor
-        step = information(other) - now
-
-        def mixed(share: float, now: Square = now, step: Square = step) -> float:
-            return criterion.support(covariance_of(now + share * step)[:shared, :shared])[0]
-
-        share = minimize_scalar(mixed, bounds=(0, 1), method="bounded", options={"xatol": 1e-3}).x
-        fractions, now = fractions + share * (other - fractions), now + share * step
+        kept = shares > _LEAST
+        plans, each = np.concatenate([plans[kept], plan[None]]), np.concatenate([each[kept], added(plan)[None]])
+        shares = np.append(0.9 * shares[kept], 0.1) / (0.9 * shares[kept].sum() + 0.1)
 
 
 def _most(limits: Limits, one: Class, gain: Gains) -> tuple[float, Gains]:

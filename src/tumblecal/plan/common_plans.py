@@ -39,7 +39,10 @@ def common_plans(
     of_sensor = np.einsum("nij,nj->ni", np.array(turns)[cells.mounting], force)
 
     def nearest(
-        name: str, source: str, wanted: Sequence[np.ndarray] | np.ndarray, more: float | Float[np.ndarray, "n cells"] = 0.0
+        name: str,
+        source: str,
+        wanted: Sequence[np.ndarray] | np.ndarray,
+        more: float | Float[np.ndarray, "n cells"] = 0.0,
     ) -> Positions:
         """Directions of gravity in the axes of the sensor, each in the first mounting in which the head comes nearest to it;
         `more`: preferences among equal directions, in steps."""

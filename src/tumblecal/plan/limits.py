@@ -71,8 +71,9 @@ def in_order(
     present: int | None = None,
     rng: np.random.Generator | None = None,
 ) -> Numbers:
-    """Cells in an order that visits each setting once: temperatures upwards; mountings, pitch settings and the spindle there and
-    back. The setting of the `present` cell comes first. With `rng`, pitch settings and their positions are in random order."""
+    """Cells in an order that visits each setting once: temperatures upwards; mountings, pitch settings and the spindle there
+    and back. The `present` cell and its setting come first. With `rng`, pitch settings and their positions are in random order.
+    """
     group, turn = cells.group, np.where(cells.group % 2, -cells.alpha_deg, cells.alpha_deg)
     if rng is not None:
         group, turn = rng.permutation(len(cells))[group], rng.random(len(cells))
@@ -160,8 +161,8 @@ class Limits:
 
     @property
     def most_visits(self) -> tuple[int, int]:
-        """The most visits of one pitch setting in a mounting, and of one mounting, that any order within the limits has. Between
-        two visits of a setting is at least one position in another one, and both changes take time."""
+        """The most visits of one pitch setting in a mounting, and of one mounting, in any order within the limits. Between two
+        visits of a setting is at least one position in another one, and both changes take time."""
         times, most = self.times, list[int]()
         dwell_s = times.dwell_s + times.settle_s
         for label, change_s in ((self.cells.setting, times.pitch_change_s), (self.cells.mounting, times.remount_s)):

@@ -74,7 +74,11 @@ def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) 
         if leaf.name not in _BY:
             continue
         there, by, setting = known[leaf.name], leaf.by, responses.pitch if leaf.name == PITCH else responses.mount
-        stated, old, new = np.asarray(there.value, float), _settings(rig.plan, leaf.name), _settings(planned.plan, leaf.name)
+        stated, old, new = (
+            np.asarray(there.value, float),
+            _settings(rig.plan, leaf.name),
+            _settings(planned.plan, leaf.name),
+        )
         of_old = np.zeros(len(old), int) if there.by is None else np.asarray(rig.where.index(there.by))
         of_new = np.zeros(len(new), int) if by is None else np.asarray(where.index(by))
         values = np.zeros(leaf.value.shape)

@@ -60,8 +60,8 @@ _AT_SETTINGS = (
 )
 _SIDES_BY_HAND = "The +x face is up when x reads +1 g, and the -x face is then down; y and z accordingly."
 SHARPEN = "reduce the largest standard uncertainty"
-# Largest number of readings that test a cause, smallest distance (deg) at one pitch setting, and smallest separation in standard
-# deviations.
+# Largest number of readings that test a cause, smallest distance (deg) at one pitch setting, and smallest separation in
+# standard deviations.
 _MOST_CONFIRMING, _DISTANCE_DEG, _LEAST_SD = 3, 30.0, 1.0
 
 

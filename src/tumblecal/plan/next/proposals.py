@@ -1,5 +1,5 @@
-"""Candidates for the next measurement: single positions of a grid, turns of the spindle with the triad remounted, the last run in
-the reverse order, and positions that sample an unexplained error."""
+"""Candidates for the next measurement: single positions of a grid, turns of the spindle with the triad remounted, the last run
+in the reverse order, and positions that sample an unexplained error."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
