@@ -3,7 +3,7 @@
     python benchmarks/recordings.py DATA --imu-tk FOLDER
 
 DATA contains the folders `mikoff_mpu9150`, `suarez_mpu6050`, `carlsson_mimu4444`, `hassan_lis3dh_30pos`, `imucal_ferraris`
-and `bmi270_thermal` (origins: docs/measured_appendix.md); FOLDER contains imu_tk's `xsens_acc.mat`. The commands of
+and `bmi270_thermal` (origins: docs/measured.md); FOLDER contains imu_tk's `xsens_acc.mat`. The commands of
 that page are run. Each comparison is one line, and the exit code is 1 if one differs.
 """
 

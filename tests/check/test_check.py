@@ -9,7 +9,7 @@ from scipy.stats import chi2, ncx2
 
 from tumblecal import InputError
 from tumblecal.check.consistency import LEVEL
-from tumblecal.check.drift import NONE, noise_of_history, stated_noise
+from tumblecal.check.drift import no_noise, noise_of_history, stated_noise
 from tumblecal.check.gravity import local_size
 from tumblecal.check.result import Model, check
 from tumblecal.check.update import updated
@@ -225,7 +225,7 @@ def test_curves_of_temperature_are_used_and_kept():
     result = check(curved(), FILE, data)
     assert not result.test.rejected and result.expected.mean[3] == pytest.approx(values[3])
     assert result.expected.common[4, 4] == pytest.approx((3e-4) ** 2 / 3)
-    made = updated(result.test, NONE, (), {}).calibration
+    made = updated(result.test, no_noise(), (), {}).calibration
     assert made.temperature is not None
     # Both parts of bias_x at 45 degC are improved together, and hysteresis remains.
     before, after = (each.at(45.0).sensor.sd for each in (curved(), made))
@@ -290,7 +290,7 @@ def test_terms_of_a_calibration_are_a_part_of_its_state():
     result = check(of, FILE, bent)
     assert not result.test.rejected and len(result.expected.state) == 10
     assert check(of, FILE, by_hand(VALUES, noise_of_all, up=up)).test.rejected
-    made = updated(result.test, NONE, (), {}).calibration
+    made = updated(result.test, no_noise(), (), {}).calibration
     (coefficient,) = [own.coefficient for own in made.terms]
     whole = np.array(made.extra["covariance_with_terms"]["covariance"])
     assert whole[12, 12] < (0.7 * sd) ** 2 and abs(coefficient - square) < 3 * np.sqrt(whole[12, 12])

@@ -27,7 +27,7 @@ def test_most_effects_are_found_in_their_part(diagnoser, known):
         for seed in range(5)
         for part in ("one setting", "second half")
     ]
-    # Seven of ten are (docs/measured_appendix.md); fewer than four of ten once in a hundred runs.
+    # Seven of ten are (docs/measured.md); fewer than four of ten once in a hundred runs.
     assert judged.count("right") >= 4
     assert judged.count("wrong and sure") <= 3
 

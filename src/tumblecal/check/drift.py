@@ -1,7 +1,7 @@
 """Process noise between a calibration and a check: changes of the parameters by the history of the unit, or as stated."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated
 
@@ -14,10 +14,10 @@ from tumblecal.data.position_comments import MEASURED, measured_at
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.record import ResultRecord, by_name
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
+from tumblecal.words import sentence
 
 
 _DAYS_A_MONTH = 365.25 / 12
@@ -47,12 +47,10 @@ class ProcessNoiseRecord(ResultRecord):
     sd: Annotated[dict[str, float], by_name(SENSOR)]
 
 
-NONE = ProcessNoise(
-    np.zeros(9),
-    np.zeros(9),
-    None,
-    "none, so a change that the check does not detect is not included; state --drift, or --history with three results",
-)
+def no_noise(history: str = "", results: int = 0) -> ProcessNoise:
+    """No process noise: nothing is stated, or the `history` has too few dated results."""
+    words = sentence("check/drift_none", history=history, results=results)
+    return ProcessNoise(np.zeros(9), np.zeros(9), None, words)
 
 
 def months_between(calibration: Calibration, data: PositionSet, now: datetime) -> float | None:
@@ -79,8 +77,8 @@ def stated_noise(rates: Mapping[str, float], months: float) -> ProcessNoise:
     """Process noise from standard deviations per month (base units) by leaf or parameter: a change grows in proportion to time,
     with an unknown rate."""
     sd = by_parameter(rates) * months
-    listed = ", ".join(rates)
-    return ProcessNoise(np.zeros(9), sd**2, months, f"drift of {listed} as stated, over {months:.3g} months")
+    words = sentence("check/drift", of=", ".join(rates), history="", months=months)
+    return ProcessNoise(np.zeros(9), sd**2, months, words)
 
 
 def process_noise(
@@ -106,7 +104,7 @@ def process_noise(
             raise InputError("--drift: the calibration states no date; give the time since then: --months 12")
         return stated_noise(rates, between)
     if entries is None or between is None:
-        return NONE
+        return no_noise()
     return noise_of_history(entries, between, named)
 
 
@@ -117,12 +115,12 @@ def noise_of_history(entries: Sequence[Entry], months: float, named: str) -> Pro
     trends = {trend.name: trend for trend in history.trends}
     count = len(history.entries)
     if any(name not in trends or not np.isfinite(trends[name].drift) for name in SENSOR):
-        few = f"{counted(count, 'result')} of this unit in {named} with different dates; a drift needs three"
-        return replace(NONE, source=f"{NONE.source} ({few})")
+        return no_noise(named, count)
     shift, variance = np.zeros(9), np.zeros(9)
     for number, name in enumerate(SENSOR):
         trend = trends[name]
         shift[number] = trend.drift * months
         beyond = trend.scatter**2 - float(np.mean(trend.sd**2))
         variance[number] = (trend.drift_sd * months) ** 2 + max(beyond, 0.0)
-    return ProcessNoise(shift, variance, months, f"drift of {count} results in {named}, over {months:.3g} months")
+    words = sentence("check/drift", of=f"{count} results", history=named, months=months)
+    return ProcessNoise(shift, variance, months, words)

@@ -1,11 +1,12 @@
 """Gravity at the place of a check, in g of the calibration."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import SAME_MS2, Gravity
+from tumblecal.words import sentence
 
 
 # Gravity by latitude and height differs from the real one by anomalies of this standard deviation, relative (30 mGal).
@@ -20,7 +21,7 @@ class LocalSize:
 
     ratio: float = 1.0
     u: float = 0.0
-    words: str = "neither file states it, so both are taken to be the same"
+    words: str = field(default_factory=lambda: sentence("check/gravity", c=None, d=None))
     unknown: bool = False
 
 
@@ -46,7 +47,7 @@ def local_size(
             )
         if of_data is None or of_data.assumed:
             return LocalSize(1.0, sd or 0.0), data
-        words = f"the recording is at {of_data}, the calibration states none; calibrate with --gravity"
+        words = sentence("check/gravity", c=None, d=of_data)
         return LocalSize(1.0, sd or 0.0, words, unknown=True), data
     if data.in_ms2:
         data = data.under(of_calibration)
@@ -57,12 +58,8 @@ def local_size(
             f"--gravity {of_data.value_ms2:.6g}"
         )
     if local is None:
-        stated = (
-            "as in the calibration"
-            if of_data and not of_data.assumed
-            else "taken from the calibration, as the recording states none"
-        )
-        return LocalSize(1.0, sd or 0.0, f"{of_calibration}, {stated}"), data
+        stated = None if of_data is None or of_data.assumed else of_data
+        return LocalSize(1.0, sd or 0.0, sentence("check/gravity", c=of_calibration, d=stated)), data
     normal = [each.source.startswith(_NORMAL) for each in (local, of_calibration)]
     same = local.value_ms2 == of_calibration.value_ms2
     usual = 0.0 if same else _ANOMALY * (sum(normal) ** 0.5)

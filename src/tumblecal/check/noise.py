@@ -7,6 +7,7 @@ import numpy as np
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
+from tumblecal.words import sentence
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def noise_of(calibration: Calibration, data: PositionSet, stated_g: float | None
     **Raises:** `InputError` if no noise is known.
     """
     if stated_g is not None:
-        return PositionNoise(data, stated_g, f"{stated_g * 1e3:.3g} mg, as stated")
+        return PositionNoise(data, stated_g, sentence("check/noise_stated", mg=stated_g * 1e3))
     provenance = calibration.provenance
     dof, sigma = calibration.dof, provenance.get("sigma_g")
     sigma = float(sigma) if isinstance(sigma, int | float) and sigma > 0 else None
@@ -57,18 +58,17 @@ def noise_of(calibration: Calibration, data: PositionSet, stated_g: float | None
                 f"{data.source}: the noise of the means is not known; write the columns ax_sd_g, ay_sd_g, az_sd_g, or give "
                 "--noise-sd (for example --noise-sd 0.1mg)"
             )
-        words = f"{sigma * 1e3:.3g} mg, the standard deviation of the positions of the calibration"
+        words = sentence("check/noise_of_calibration", mg=sigma * 1e3)
         return PositionNoise(data, sigma, words, float(dof) if estimated and dof else np.inf, estimated)
-    usual = float(np.median(data.sd))
-    within = f"{usual * 1e3:.2g} mg by the dwells"
+    within_mg = float(np.median(data.sd)) * 1e3
     between = provenance.get("between_position_sd_g")
     if isinstance(between, int | float) and between > 0:
         widened = replace(data, sd=np.hypot(data.sd, float(between)), recorded_noise=None, n=None)
-        words = f"{within}, and {between * 1e3:.2g} mg between positions by the calibration"
+        words = sentence("check/noise_of_dwells", mg=within_mg, between=float(between) * 1e3)
         return PositionNoise(widened, None, words, float(dof) if estimated and dof else np.inf)
     if estimated and sigma is not None and np.any(data.sd < sigma):
         alone = bool(np.all(data.sd < sigma))
         widened = replace(data, sd=np.maximum(data.sd, sigma), recorded_noise=None, n=None)
-        words = f"{sigma * 1e3:.2g} mg, the dispersion of the positions of the calibration ({within})"
+        words = sentence("check/noise_of_dispersion", mg=sigma * 1e3, within=within_mg)
         return PositionNoise(widened, None, words, float(dof) if alone and dof else np.inf, alone)
-    return PositionNoise(data, None, within)
+    return PositionNoise(data, None, sentence("check/noise_of_dwells", mg=within_mg, between=0.0))

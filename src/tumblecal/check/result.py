@@ -27,6 +27,7 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.record import rows
+from tumblecal.words import sentence
 
 
 Outcome = Literal["agrees", "changed", "repeat"]
@@ -233,14 +234,13 @@ def _use(result: CheckResult, largest_g: float | None) -> Use:
     if result.outcome == "agrees":
         return stated
     if result.outcome == "repeat":
-        name = result.disturbed
-        reason = f"attitude {name} was not at rest or is in error" if name else "the attitudes disagree with each other"
-        return combined([stated, Use("yes", f"{reason}, so the check must be repeated")], stated.expanded_g)
-    reason = "the sensor changed since this calibration"
+        reason = sentence("check/repeat", name=result.disturbed)
+        return combined([stated, Use("yes", reason)], stated.expanded_g)
+    reason = sentence("check/changed", acceptable=False)
     if result.change_g is None:
         return combined([stated, Use("no", reason)])
     size, expanded = result.change_g
     if largest_g is not None and size + expanded <= largest_g:
         together = size + expanded + (stated.expanded_g or 0.0)
-        return combined([stated, Use("yes", f"{reason}, within the acceptable error (U includes this)")], together)
+        return combined([stated, Use("yes", sentence("check/changed", acceptable=True))], together)
     return combined([stated, Use("no", reason)])

@@ -33,6 +33,7 @@ from tumblecal.data.temperature_curves import order_of_covariance
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.lab.corrected_reading import expanded_uncertainty
+from tumblecal.words import sentence
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ def _calibration(
     use = combined([use], expanded_g)
     if undetermined:
         known = tuple(name for name in SENSOR if name not in undetermined)
-        reason = f"the check does not determine {', '.join(undetermined)}, which changed"
+        reason = sentence("check/undetermined", names=list(undetermined))
         use = combined([use, Use("only", reason, parameters=known)], expanded_g)
     # The frame of the matrix is that of the old one: a rotation does not change the parameters.
     turned = old.matrix @ triad_of(old.sensor.of(SENSOR).values)

@@ -25,6 +25,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import matrix_and_bias, one_sensor
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
+from tumblecal.words import sentence
 
 
 _NOMINAL = {LINKS[name].kind for name in NOMINAL}
@@ -90,18 +91,8 @@ class AttitudeScatter:
     @property
     def words(self) -> str:
         """Size and reason, and how to override it."""
-        tilt = f"{np.degrees(self.tilt_rad):.2g} deg"
-        why = "stated: set by hand"
-        if not self.stated:
-            odds = f"{np.exp(self.log_odds):.2g}" if self.log_odds < np.log(1000.0) else "above 1000"
-            why = f"odds against noise alone {odds}; if they were set by a dividing head: --attitudes head"
-        words = (
-            f"Attitudes scatter by {tilt} about the angles of the file ({why}). The tilt of each position is estimated, so "
-            "readings along gravity have their full weight."
-        )
-        if self.noise_determined:
-            return words
-        return f"{words} These positions do not show the noise: {self.noise_g * 1e3:.2g} mg is assumed; state it (--noise-sd)."
+        odds = float(np.exp(min(self.log_odds, 100.0)))
+        return sentence("noise/attitudes", n=self, tilt_deg=np.degrees(self.tilt_rad), odds=odds)
 
     def applied(self, problem: Problem) -> Problem:
         """The problem with two tilts for each position, with this prior standard deviation, and with this noise."""

@@ -15,6 +15,7 @@ from scipy import special
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
+from tumblecal.words import sentence
 
 
 # A floor is used up to this p-value of the likelihood ratio, and with at least this many degrees of freedom.
@@ -43,20 +44,9 @@ class BetweenPositionSd:
     def words(self) -> str:
         """The scatter, its size, and its possible causes."""
         total = float(np.hypot(self.floor_g, self.stated_g)) * 1e3
-        found = (
-            f"The positions scatter about the model by {total:.2g} mg; by the sd columns alone it would be "
-            f"{self.stated_g * 1e3:.2g} mg. A floor of {self.floor_g * 1e3:.2g} mg is added to every sd in quadrature"
-        )
-        if self.repeats_g is None:
-            return f"{found}: imperfect repeatability of head or hand, or an error of the model (a diagnosis separates them)."
-        repeated = float(np.hypot(self.repeats_g, self.stated_g)) * 1e3
-        if repeated < _COMES_BACK * total:
-            return (
-                f"{found}. Repeats of an attitude agree to {repeated:.2g} mg: the rest depends on the attitude, so "
-                "the model is "
-                "wrong."
-            )
-        return f"{found}. Repeats of an attitude also scatter by {repeated:.2g} mg: the cause is their repeatability."
+        repeated = None if self.repeats_g is None else float(np.hypot(self.repeats_g, self.stated_g)) * 1e3
+        come_back = repeated is not None and repeated < _COMES_BACK * total
+        return sentence("noise/floor", n=self, total=total, repeated=repeated, come_back=come_back)
 
     def applied(self, problem: Problem) -> Problem:
         """The problem with the floor in every reading's variance; its noise level is then estimated."""

@@ -14,8 +14,8 @@ from scipy import special
 
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
-from tumblecal.ground.numbers_shown import p_words
 from tumblecal.noise.covariance import Covariance
+from tumblecal.words import sentence
 
 
 # Directions with a singular value below this share of the largest are determined by the priors alone.
@@ -89,11 +89,7 @@ class ContradictedLevel:
     @property
     def words(self) -> str:
         """The level in use, and the reason."""
-        return (
-            f"The residuals contradict the stated noise (sd {self.stated_g * 1e3:.2g} mg; chi2/dof {self.ratio:.3g}, "
-            f"{p_words(self.p_value)}). The uncertainties use the level estimated "
-            f"from the residuals: sd {self.factor * self.stated_g * 1e3:.2g} mg, Student's t"
-        )
+        return sentence("noise/level", n=self)
 
     def applied(self, problem: Problem) -> Problem:
         """The problem at the level estimated from the residuals."""

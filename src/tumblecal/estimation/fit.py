@@ -18,6 +18,7 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.ground.pickled import Pickled
 from tumblecal.ground.showing import Screen, Shown, function_named
 from tumblecal.ground.units import shown
+from tumblecal.words import sentence
 
 
 if TYPE_CHECKING:
@@ -110,10 +111,7 @@ class Fit(Pickled, Shown):
     @property
     def no_freedom_words(self) -> str:
         """Why residuals without degrees of freedom contain no information."""
-        return (
-            f"{self.residuals.size} readings for {self.parameters} parameters leave no degree of freedom: the fit reproduces "
-            "every reading, for any model and any noise"
-        )
+        return sentence("noise/no_freedom", n=self)
 
     @property
     def data(self) -> PositionSet:

@@ -13,6 +13,7 @@ from tumblecal.data.joined_clocks import joined_clocks
 from tumblecal.estimation.mountings import EQUAL, FEWEST, distances, nearest_turns
 from tumblecal.estimation.planned_positions import indexed_by_visit
 from tumblecal.ground.errors import InputError
+from tumblecal.words import sentences
 
 
 def joined_files(
@@ -37,10 +38,8 @@ def joined_files(
     whole, words = joined(parts, clocks), [*(clocks.words if clocks else ())]
     if len(parts) < 2 or (whole.run is None and (whole.mount is not None or planned)):
         return whole, words  # each file has its own mounting, or all are those of a designed plan
-    if whole.run is None:
-        return whole, [f"Assumed: one run for all {len(parts)} files.", *words]
-    runs = ", ".join(dict.fromkeys(whole.run))
-    return whole, [f"Runs: {runs}. With --same-run, all files without a column run are one run.", *words]
+    runs = None if whole.run is None else list(dict.fromkeys(whole.run))
+    return whole, [*sentences("positions/runs", runs=runs, files=len(parts)), *words]
 
 
 def possible_turns(data: PositionSet) -> frozenset[int]:

@@ -24,6 +24,7 @@ from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd
 from tumblecal.noise.recorded import RecordedNoise, against_neighbours, recorded_covariance, recordings
 from tumblecal.recordings.dwells.samples_of_means import samples_of
+from tumblecal.words import sentence
 
 
 if TYPE_CHECKING:
@@ -35,12 +36,6 @@ _SLOW = {"flicker": Flicker, "walk": RandomWalk, "markov": GaussMarkov}
 _PRIOR = {"apart": 0.3, "white": 0.1}
 # Slow noise that continues: its variance over that estimated from the dwells, which is uncertain, and the prior of each ratio.
 _LEVELS = {0.25: 0.06, 1.0: 0.24, 4.0: 0.15, 16.0: 0.1, 64.0: 0.05}
-_LASTING = {
-    "apart": "The slow noise within a dwell restarts at every position (settling, handling), so the positions are "
-    "independent.",
-    "white": "The slow noise within a dwell does not appear in the dispersion between positions; they are treated as means of "
-    "white noise.",
-}
 
 
 Median = Annotated[list[float], BeforeValidator(lambda sd: np.median(sd, axis=0))]
@@ -135,35 +130,18 @@ class MeanNoise:
     def words(self) -> str:
         """The noise found, and the error of assuming white noise."""
         sd, white = np.median(self.sd, axis=0), np.median(self.white_sd, axis=0)
-        parts = "; ".join(f"{axis} {words}" for axis, words in zip(AXES, self.noise.words(self.dwell_s), strict=True))
-        sentences = [
-            f"{'Raw samples' if self.sampled else 'Noise model'} of {self.source} ({self.covariance.shape[1]} positions of "
-            f"{self.dwell_s:.3g} s): {parts}. "
-            f"Sd of a position mean relative to the next: {_by_axis(sd * 1e6)} ug."
-        ]
-        ratio = sd / white
-        if np.max(ratio) > 1.1:
-            sentences.append(
-                f"Under the assumption of white noise (sd / sqrt(n)) it would be {_by_axis(white * 1e6)} ug, "
-                f"{_by_axis(ratio)} times too small."
-            )
-        else:
-            sentences.append("This is the noise of independent samples, sd / sqrt(n).")
-        if self.lasts in _LASTING and len(self.noise.parts) > 1:
-            sentences.append(_LASTING[self.lasts])
-        common = self.neighbours
-        if np.max(common) > 0.05:
-            sentences.append(
-                f"Successive positions are correlated by {_by_axis(common)}, because the noise is slower than a dwell; "
-                "tests and intervals include this correlation."
-            )
-        if self.extrapolated:
-            sentences.append("This is extrapolated from within the dwells, so the noise level is treated as unknown.")
-        if not self.timed:
-            sentences.append(
-                "The times of the positions are unknown (no column time_s), so the positions are assumed independent."
-            )
-        return " ".join(sentences)
+        ratio, common = sd / white, self.neighbours
+        return sentence(
+            "noise/means",
+            n=self,
+            count=self.covariance.shape[1],
+            parts=[f"{axis} {words}" for axis, words in zip(AXES, self.noise.words(self.dwell_s), strict=True)],
+            sd=_by_axis(sd * 1e6),
+            white=_by_axis(white * 1e6),
+            ratio=_by_axis(ratio) if np.max(ratio) > 1.1 else "",
+            slow=len(self.noise.parts) > 1,
+            common=_by_axis(common) if np.max(common) > 0.05 else "",
+        )
 
 
 def sample_noises(samples: "DwellSamples", data: PositionSet) -> list[MeanNoise]:

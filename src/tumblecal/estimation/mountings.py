@@ -20,6 +20,7 @@ from tumblecal.data import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.record import ResultRecord
+from tumblecal.words import sentence
 
 
 # Turns whose mean distances from the readings differ by less than this (g) fit equally well.
@@ -94,7 +95,7 @@ def distances(data: PositionSet, rows: Bool[np.ndarray, " positions"]) -> Float[
 def mounting_words(turns: Mapping[str, Sequence[float]]) -> str:
     """The assumed turns of the mountings in one sentence; empty if none is turned."""
     turned = [f"{turn_words(turn)} in mounting {label}" for label, turn in turns.items() if any(turn)]
-    return f"Assumed: the triad is turned {' and '.join(turned)}; dtheta is relative to this." if turned else ""
+    return sentence("positions/turned", turned=turned) if turned else ""
 
 
 def turns_of(chain: Chain, where: Where) -> dict[str, Angles]:

@@ -5,18 +5,18 @@ that is missing or repeated changes the uncertainties, and nothing else.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.where import VISITS
 from tumblecal.data import PositionSet
-from tumblecal.ground.numbers_shown import counted, shortened
+from tumblecal.words import sentences
 
 
-# Names of positions in one line, and the largest difference of two angles that are the same, deg.
-_MOST_NAMES, _SAME_DEG = 6, 0.05
+# The largest difference of two angles that are the same, deg.
+_SAME_DEG = 0.05
 
 
 def is_designed(rig: Rig | None) -> bool:
@@ -53,40 +53,23 @@ def compared_with_plan(rig: Rig, data: PositionSet) -> list[str]:
     ]
     unknown = [key for key in times if key not in wanted]
     if other or len(unknown) == len(times):
-        what = f"{_names(other or unknown)} {'with other angles than' if other else 'which are not in'}"
-        return [
-            f"positions {what} {rig.source}: it is the rig of a different plan; give the rig.toml that "
-            "tumblecal plan wrote with the plan of the capture"
-        ]
-    lines = list[str]()
+        return sentences("positions/other_plan", names=_names(other or unknown), other=bool(other), rig=rig.source)
     absent = [mount for mount in dict.fromkeys(plan.mounts) if all(key[0] != mount for key in times)]
-    for mount in absent:
-        lines.append(
-            f"no position of mounting {mount}, of {plan.mounts.count(mount)} in {rig.source}: the standard uncertainties are "
-            "larger than planned; capture this mounting, and give all files in one call with --join"
-        )
-    if missing := [key for key in wanted if key not in times and key[0] not in absent]:
-        lines.append(
-            f"{counted(len(missing), 'position')} of {len(wanted)} in {rig.source} not measured ({_names(missing)}): the "
-            "standard uncertainties are larger than planned; continue the capture with --resume, or capture these positions"
-        )
-    if repeated := [key for key, count in times.items() if count > 1]:
-        lines.append(
-            f"{counted(len(repeated), 'position')} of {rig.source} measured more than once ({_names(repeated)}): every "
-            "measurement is used, at its recorded time; delete rows that must not be used"
-        )
-    if unknown:
-        lines.append(
-            f"{counted(len(unknown), 'position')} not in {rig.source} ({_names(unknown)}): used, in addition to the plan; "
-            "delete rows that must not be used"
-        )
-    return lines
+    return sentences(
+        "positions/compared_with_plan",
+        rig=rig.source,
+        planned=len(wanted),
+        absent=[(mount, plan.mounts.count(mount)) for mount in absent],
+        missing=_names(key for key in wanted if key not in times and key[0] not in absent),
+        repeated=_names(key for key, count in times.items() if count > 1),
+        unknown=_names(unknown),
+    )
 
 
 def _keys(mounts: Sequence[str], names: Sequence[str]) -> list[tuple[str, str]]:
     return list(zip(mounts, names, strict=True))
 
 
-def _names(keys: Sequence[tuple[str, str]]) -> str:
-    """Positions by mounting: `A 3, A 4`."""
-    return shortened([f"{mount} {name}" for mount, name in dict.fromkeys(keys)], _MOST_NAMES)
+def _names(keys: Iterable[tuple[str, str]]) -> list[str]:
+    """Positions by mounting: `A 3`, `A 4`."""
+    return [f"{mount} {name}" for mount, name in dict.fromkeys(keys)]

@@ -19,6 +19,7 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity
+from tumblecal.words import sentences
 
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ class StatedModel:
         notes, (_, reason) = [], self.slow_noise(data, sampled=sampled)
         if is_designed(self.rig):
             notes += compared_with_plan(self.rig, data)
-        return [*notes, f"[head.noise] of the rig is not used: {reason}"] if reason else notes
+        return [*notes, *(sentences("positions/slow_noise_unused", reason=reason) if reason else [])]
 
     def for_diagnosis(self, data: PositionSet, most: int | None = None, *, sampled: bool = False) -> dict[str, Any]:
         """Positions, repeats averaged if there are many, with their model and noise: arguments of a `Diagnoser`, and `words` on

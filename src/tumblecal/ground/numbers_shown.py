@@ -79,3 +79,8 @@ def shortened(words: Sequence[str], most: int, joint: str = ", ", last: str = " 
     """The first `most` words joined: `a, b`, or `a, b and 3 more`."""
     more = len(words) - most
     return joint.join(words[:most]) + (f"{last} {more} more" if more > 0 else "")
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number in a table; "" for one that does not exist."""
+    return "" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"

@@ -6,7 +6,7 @@ For two estimates: the Behrens-Fisher distribution, the result of propagating th
 several parameters together: the generalized p-value of Gamage, Mathew and Weerahandi 2004 (J. Multivariate Anal. 88, 177), with
 a factor in place of a Wishart matrix. It equals the F test of Hotelling's T^2 if one estimate has no noise. A
 Welch-Satterthwaite F test flags 1 % of unchanged units at p < 1e-4 if they have 3 and 21 degrees of freedom.
-False alarms: docs/measured_appendix.md (measured by `benchmarks/few_dof.py` of commit 6ecf2b25).
+False alarms: docs/measured.md (measured by `benchmarks/few_dof.py` of commit 6ecf2b25).
 """
 
 from collections.abc import Sequence

@@ -12,6 +12,8 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float, Int
 
+from tumblecal.words import sentences
+
 
 PerAxis: TypeAlias = Float[np.ndarray, "3"]
 
@@ -275,16 +277,12 @@ class Noise:
         """Components of the noise, by axis: white noise, and the slow parts that are significant for means over a dwell."""
         tau = np.array([dwell_s])
         total = self.allan_deviation(tau)[0] ** 2
-        kinds = (White, Flicker, GaussMarkov, RandomWalk)
-        shares = [Noise(tuple(p for p in self.parts if isinstance(p, kind))).allan_deviation(tau)[0] for kind in kinds]
-        lines = []
-        for axis, size in enumerate(self.coefficients()):
-            texts = (
-                f"white {size['white_g_per_rthz'] * 1e6:.3g} ug/sqrt(Hz)",
-                f"flicker (bias instability) {size['flicker_g'] * 1e6:.3g} ug",
-                f"Gauss-Markov {size['markov_sd_g'] * 1e6:.3g} ug with {size['markov_time_s']:.3g} s",
-                f"random walk {size['walk_g_per_rts'] * 1e6:.3g} ug/sqrt(s)",
-            )
-            matter = [True, *(share[axis] ** 2 > MATTERS * total[axis] for share in shares[1:])]
-            lines.append(", ".join(text for text, there in zip(texts, matter, strict=True) if there))
-        return lines
+        kinds = {"flicker": Flicker, "markov": GaussMarkov, "walk": RandomWalk}
+        matters = {
+            name: Noise(tuple(p for p in self.parts if isinstance(p, kind))).allan_deviation(tau)[0] ** 2
+            > MATTERS * total
+            for name, kind in kinds.items()
+        }
+        sizes = self.coefficients()
+        axes = [(size, {name: bool(of[axis]) for name, of in matters.items()}) for axis, size in enumerate(sizes)]
+        return sentences("noise/components", axes=axes)

@@ -16,7 +16,7 @@ from scipy.special import fdtrc
 
 from tumblecal.data.position_comments import WITHIN_DWELLS
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.numbers_shown import p_words
+from tumblecal.words import sentence
 
 
 # A change is reported if it occurs by chance less often than this on an axis, for one variable: three axes and two variables
@@ -63,28 +63,17 @@ class WithinDwells:
     def words(self) -> str:
         """The change with its size, and its consequence."""
         unit, factor = _UNITS[self.variable]
-        listed = []
-        for number, axis in enumerate(AXES):
-            if self.axes[number]:
-                follows = f"{axis} {self.bias[number] * factor:+.3g} {unit}"
-                if abs(self.scale[number]) > _LEAST_SHARE * abs(self.bias[number]):
-                    follows += f" and {self.scale[number] * factor:+.2g} {unit} for each g of its reading"
-                listed.append(f"{follows}, up to {self.change[number] * 1e3:.3g} mg in a dwell")
+        axes = [
+            {
+                "axis": AXES[k],
+                "bias": self.bias[k] * factor,
+                "scale": self.scale[k] * factor * (abs(self.scale[k]) > _LEAST_SHARE * abs(self.bias[k])),
+                "change_mg": self.change[k] * 1e3,
+            }
+            for k in np.flatnonzero(self.axes)
+        ]
         least = max(float(np.min(self.p_value[self.axes])), 1e-99)
-        if self.variable == TEMPERATURE:
-            follows = f"the temperature, which changes by up to {self.course:.3g} degC in a dwell"
-            other = " (or the time: both have the same course)" if self.confounded else ""
-            means = "Each mean is valid for the mean temperature of its dwell"
-        else:
-            follows = f"the time since the dwell began, up to {self.course:.3g} s"
-            other = " (or the temperature: both have the same course)" if self.confounded else ""
-            means = (
-                "Each mean is valid for the middle of its dwell, and for its length: let the instrument settle longer"
-            )
-        return (
-            f"The readings change within {self.dwells} dwells, following {follows}{other}: {'; '.join(listed)} "
-            f"({p_words(least)}). The change is not counted as noise. {means}."
-        )
+        return sentence("noise/within_dwells", n=self, axes=axes, unit=unit, p_value=least)
 
 
 def within_dwells_comments(within: Sequence[WithinDwells]) -> dict[str, str]:

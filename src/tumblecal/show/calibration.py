@@ -20,8 +20,9 @@ from tumblecal.lab.limits import NO_GRAVITY
 from tumblecal.lab.record import STRONG_CORRELATION, calibration_of, strong_correlations
 from tumblecal.lab.sensor_terms import effects_in, held_words, lacking_of_fit
 from tumblecal.show.fit import TITLES, fit_words
-from tumblecal.show.verdict import WIDTH, command_at_end, verdict_lines
+from tumblecal.show.verdict import WIDTH, verdict_lines
 from tumblecal.show.words import Words, words_of
+from tumblecal.words import command_at_end
 
 
 # With typical coefficients such a change (degC) causes several times the noise of a good measurement.

@@ -33,7 +33,8 @@ from tumblecal.planning import NextPlan
 from tumblecal.show.fit import fit_words
 from tumblecal.show.next_plan import next_plan_texts, next_words
 from tumblecal.show.verdict import Finding, Unresolved, Verdict, verdict_lines
-from tumblecal.show.words import Words, text_of, words_of
+from tumblecal.show.words import Words, words_of
+from tumblecal.words import text_of
 
 
 SUGGESTED = "suggested_effect.py"

@@ -13,8 +13,9 @@ from tumblecal.show.figures.drawing import write_each
 from tumblecal.show.figures.history import FIGURES
 from tumblecal.show.history_list import listed
 from tumblecal.show.page import write_page
-from tumblecal.show.verdict import Finding, Verdict, as_sentence
+from tumblecal.show.verdict import Finding, Verdict
 from tumblecal.show.words import Words, words_of
+from tumblecal.words import as_sentence
 
 
 def words_of_history(serial: str, history: UnitHistory, risk: float) -> Words:

@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from tumblecal.ground.numbers_shown import counted, p_cell
+from tumblecal.ground.numbers_shown import counted, number, p_cell
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.history.entry import Entry
-from tumblecal.show.tables import Table, number
+from tumblecal.show.tables import Table
 
 
 def listed(entries: Iterable[Entry]) -> Table:

@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.text import Text
 
 from tumblecal.show.tables import Table
-from tumblecal.show.verdict import command_at_end
+from tumblecal.words import command_at_end
 
 
 def print_words(console: Console, words: str, style: str = "") -> None:

@@ -67,8 +67,3 @@ def _fitting(widths: Sequence[int], room: float) -> Iterator[list[int]]:
             part = [0]
         part.append(place)
     yield part
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """A number in a table; "" for one that does not exist."""
-    return "" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"

@@ -1,6 +1,5 @@
 """A verdict as a record, and its one layout: five labelled blocks that fit on a screen, a rule, and the details below it."""
 
-import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -163,23 +162,3 @@ def _folded(text: str, width: int) -> list[str]:
     hanging = "   " if text[:1].isdigit() and text[1:3] == ". " else ""
     options = {"break_long_words": False, "break_on_hyphens": False, "subsequent_indent": hanging}
     return textwrap.wrap(text, width, **options) or [""]
-
-
-# A command to be pasted ends a text: it is not folded, and no full stop follows it.
-_COMMAND = re.compile(r"(.*: )(tumblecal \S.*)", re.DOTALL)
-
-
-def command_at_end(words: str) -> tuple[str, str]:
-    """Words without the command that ends them, and the command; "" where none does."""
-    match = _COMMAND.fullmatch(words)
-    return (match[1].rstrip(), match[2]) if match else (words, "")
-
-
-def ended(words: str) -> str:
-    """Words with a full stop, unless a command ends them."""
-    return words if command_at_end(words)[1] else f"{words}."
-
-
-def as_sentence(words: str) -> str:
-    """Words with a capital letter first, unless they begin with a name of a parameter or effect."""
-    return words if "_" in words.partition(" ")[0] else words[:1].upper() + words[1:]

@@ -29,6 +29,7 @@ from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES
 from tumblecal.thermal.orders import OF_HYSTERESIS, chains_of
 from tumblecal.thermal.stated import Stated
 from tumblecal.thermal.usual_sizes import HISTORY
+from tumblecal.words import sentence
 
 
 # Systematic residuals above this many standard deviations of a row contradict the model.
@@ -250,21 +251,15 @@ def _use(
     """
     free, noise_g = choice.model.free, noise_of(choice.model.table)
     if base is None and not free:
-        reason = (
-            "these attitudes do not determine bias and scale factor at the reference temperature, only their changes; add the "
-            "calibration of the unit with --calibration, or record six or more attitudes"
-        )
-        return Use("no", reason)
+        return Use("no", sentence("thermal/only_changes"))
     if test.misfit_g > max(_MISFIT * noise_g, OF_HYSTERESIS * float(np.sqrt(np.mean(widths**2)))):
-        found = f"systematic residuals of {1e3 * test.misfit_g:.2g} mg rms, noise {1e3 * noise_g:.2g} mg"
-        return Use("no", f"the data contradict the model: {found}")
+        return Use("no", sentence("thermal/misfit", misfit=1e3 * test.misfit_g, noise=1e3 * noise_g))
     if test.readings < _ONE:
-        reason = "there are as many parameters as independent sizes of gravity; add attitudes or temperatures"
-        return Use("not tested", reason)
-    missing = [f"the {LEAVES[leaf]} at the reference" for leaf in SENSOR_LEAVES if base is None and leaf not in free]
+        return Use("not tested", sentence("thermal/no_freedom"))
+    missing = [LEAVES[leaf] for leaf in SENSOR_LEAVES if base is None and leaf not in free]
     # Leaves that the user states as constant are not listed.
-    missing += [f"the change of the {LEAVES[leaf]}" for leaf in choice.inseparable if leaf in SENSOR_LEAVES]
-    reason = f"U includes usual sizes of what the data do not determine: {', '.join(missing)}" if missing else ""
+    changes = [LEAVES[leaf] for leaf in choice.inseparable if leaf in SENSOR_LEAVES]
+    reason = sentence("thermal/usual_sizes", at_reference=missing, changes=changes) if missing or changes else ""
     here = Use("within", reason, span)
     if base is None:
         return replace(here, expanded_g=expanded)
