@@ -161,18 +161,18 @@ class _Head:
         wanted, model, minutes, bounds = self.wanted, self.model, self.wanted.minutes, None
         limits = self.limits(wanted.count, minutes)
         terms, criterion = self.terms(limits)
-        search = {"restarts": wanted.restarts, "seed": wanted.seed}
+        restarts, seed = wanted.restarts, wanted.seed
         if {"naming", "alias"} & {*wanted.criteria}:
-            chosen = np.array(exchange(limits, terms, **search).cells)
+            chosen = np.array(exchange(limits, terms, restarts=restarts, seed=seed).cells)
         else:
             done = self.scheduled(self.measured) if len(self.measured) else None
             visits = (0, 0) if done is None else (1 + int(done.pitch_visit[-1]), 1 + int(done.mount_visit[-1]))
             most = [now + number for now, number in zip(limits.most_visits, visits, strict=True)]
             several = one_visit(self.some, self.measured, most=most)
-            chosen, bounds = best_plan(model, several, criterion, limits, **search)
+            chosen, bounds = best_plan(model, several, criterion, limits, restarts=restarts, seed=seed)
         self._require_determined(chosen)
         allowed = None if minutes is None else minutes + self.before
-        given = {"minutes": allowed, "seed": wanted.seed, "kind": wanted.order, "measured": self.measured}
+        given = {"minutes": allowed, "seed": seed, "kind": wanted.order, "measured": self.measured}
         ordered = best_order(self.some, self.ability, criterion, chosen, **given)
         traded = [TradeOff(len(chosen), ordered.schedule.minutes - self.before, ordered.drift_known)]
         # Plans for other numbers of positions, or other times, improved from the plan.
@@ -182,7 +182,7 @@ class _Head:
                 within = self.limits(*other)
             except InputError:
                 continue
-            taken = exchange(within, terms, restarts=0, seed=wanted.seed, starts=[chosen]).cells
+            taken = exchange(within, terms, restarts=0, seed=seed, starts=[chosen]).cells
             if not model.undetermined(taken):
                 value = float(criterion.of(model.covariance(taken)))
                 traded.append(TradeOff(len(taken), self.scheduled(np.array(taken)).minutes, value))
@@ -225,7 +225,7 @@ class _Head:
         """The plan of the request, and plans to compare."""
         found, wanted = self.found(), self.wanted
         planned, done = found.ordered.schedule, len(self.measured)
-        limit_s = planned.end_s + 1e-6
+        limit_s = float(planned.end_s) + 1e-6
         names = (*(f"measured-{k + 1}" for k in range(done)), *map(str, range(1, 1 + len(planned) - done)))
         schedules = [planned, self.scheduled(self.once[0]), *(self.in_time(one, limit_s) for one in self.once[1:])]
         listed = [Positions("this plan", "", self.responses.cells.chosen(planned.cells)), *self.others]

@@ -127,13 +127,34 @@ def forecasts_of_effects(
     listed, noise = list[EffectForecast](), _noise(of, draws, seed)
     for id, size in effects.items():
         limit = detection_limit(of, id, 1, seed) if limits is None else limits[id]
-        rates, smallest, same, inseparable = Rates(of, id, noise), [None] * 3, tuple[str, ...](), tuple[str, ...]()
+        rates, least, same, inseparable = (
+            Rates(of, id, noise),
+            list[float | None](),
+            tuple[str, ...](),
+            tuple[str, ...](),
+        )
         if limit is not None:
             same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
-            smallest = [rates.smallest(number, limit) for number in range(3)]
+            least = [rates.smallest(number, limit) for number in range(3)]
             inseparable = tuple(label for label in not_separated(of, id, max(size, limit)) if label not in (id, *same))
-        numbers = of.visible(id), *rates(size), *smallest
-        listed.append(EffectForecast(id, of.entries[id].unit, size, *numbers, same, inseparable))
+        detected, named, identified = rates(size)
+        detection_limit_of, smallest_named, smallest_identified = least or [None] * 3
+        listed.append(
+            EffectForecast(
+                id=id,
+                unit=of.entries[id].unit,
+                size=size,
+                visible_fraction=of.visible(id),
+                detected=detected,
+                named=named,
+                identified=identified,
+                detection_limit=detection_limit_of,
+                smallest_named=smallest_named,
+                smallest_identified=smallest_identified,
+                identical=same,
+                not_separated=inseparable,
+            )
+        )
     return tuple(listed)
 
 

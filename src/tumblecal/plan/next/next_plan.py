@@ -283,6 +283,7 @@ def _confirmations(
         axis = int(np.argmax(apart[cell]))
         usable = not proposal.mount and proposal.beta_deg in settings and apart[cell, axis] > _LEAST_SD
         if usable and not near and len(chosen) < _MOST_CONFIRMING:
-            numbers = (float(own[cell, axis]) for own in (mean, other, other_sd, sd))
-            chosen.append(Confirmation(proposal.alpha_deg, proposal.beta_deg, AXES[axis], *numbers, labels))
+            place = proposal.alpha_deg, proposal.beta_deg, AXES[axis]
+            expected, rival, u, expected_u = (float(own[cell, axis]) for own in (mean, other, other_sd, sd))
+            chosen.append(Confirmation(*place, expected, rival, u, expected_u, labels))
     return tuple(chosen)
