@@ -217,7 +217,7 @@ class _Head:
 
         while repeated(passes + 1).end_s <= limit_s:
             passes += 1
-        longer = repeated(passes, len(once))
+        longer = repeated(passes, passes + len(once))
         count = np.count_nonzero(longer.start_s + self.times.dwell_s <= limit_s)
         return self.scheduled(longer.cells[: max(count, passes * len(once))])
 
