@@ -23,7 +23,7 @@ from tumblecal.data.calibration import Calibration, calibration_text
 from tumblecal.data.files import read_positions, write_positions
 from tumblecal.devices import TARGETS
 from tumblecal.effects.catalogue import catalogue, links_and_units
-from tumblecal.recordings.dwells.position_samples import read_position_samples
+from tumblecal.recordings.dwells.by_columns import read_position_samples
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.reading import read_recording as write_samples
 from tumblecal.studies.study_tables import read_study, rig_of_study

@@ -11,6 +11,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Counts, Settings, blank, joined
 from tumblecal.capture.decoding.sniff import guesses
 from tumblecal.capture.protocols import protocol, protocols
-from tumblecal.capture.protocols.stim300_datagrams import SIZES
+from tumblecal.capture.protocols.stim300 import SIZES
 from tumblecal.capture.protocols.vectornav import FIELD_SIZES
 
 
@@ -140,8 +141,7 @@ def good(name: str, random: np.random.Generator) -> bytes:
 
 def settings(name: str) -> Settings:
     own = protocol(name)
-    plain = Settings(rate_hz=125.0)
-    return own.with_range(plain, own.ranges_g[0]) if own.ranges_g else plain
+    return own.settings(own.ranges_g[0] if own.ranges_g else None, 125.0)
 
 
 def damaged(data: bytes, random: np.random.Generator) -> bytes:
@@ -170,10 +170,9 @@ def hostile_file(name: str, random: np.random.Generator) -> bytes:
 
 def try_file(name: str, data: bytes, random: np.random.Generator) -> int:
     """Decode in one piece and in many; the number of samples."""
-    options = {"whole": True} if "whole" in protocol(name).options else {}
-    known = settings(name) if random.random() < 0.5 else None
-    whole = decode_all(protocol(name).decoder(known, **options), data)
-    decoder, at, parts, counts = protocol(name).decoder(known, **options), 0, [], Counts()
+    known = replace(settings(name) if random.random() < 0.5 else Settings(), whole=True)
+    whole = decode_all(protocol(name).decoder(known), data)
+    decoder, at, parts, counts = protocol(name).decoder(known), 0, [], Counts()
     while at < len(data):
         size = int(random.integers(1, 200))
         piece = decoder.feed(data[at : at + size])

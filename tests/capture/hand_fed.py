@@ -1,17 +1,17 @@
 """A guide of a plan that is fed by hand, a block of a second at a time."""
 
-from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.chamber.soak import Soak
+from tumblecal.capture.chamber import Soak
 from tumblecal.capture.decoding.samples import Event, blank
+from tumblecal.capture.decoding.tally import Tally
 from tumblecal.capture.journal import JOURNAL_NAME, Journal
 from tumblecal.capture.log import read_log
-from tumblecal.capture.port.live import Arrived, Tally
+from tumblecal.capture.port.live import Arrived
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.run.contact import Contact
 from tumblecal.capture.run.guide import Guide, Phase
@@ -26,7 +26,7 @@ class HandFed:
         dwell, table = {"seconds": 4.0, "settle_s": 0.0} | plan.pop("dwell", {}), plan.pop("chamber_table", {})
         self.plan = CapturePlan.model_validate({"dwell": dwell, "chamber": table} | plan)
         recording = SimpleNamespace(position=0, sync=lambda: None, send=lambda query: None, log=folder / "journal.log")
-        stream = SimpleNamespace(recording=recording, tally=Tally(status=Counter()), protocol=protocol(name))
+        stream = SimpleNamespace(recording=recording, tally=Tally(), protocol=protocol(name))
         stream.poll = lambda: self.part
         self.folder, self.journal = folder, Journal(folder)
         self.rng, self.turned, self.now_s = np.random.default_rng(0), 1.0, 1000.0

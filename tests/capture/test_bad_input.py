@@ -11,8 +11,7 @@ from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.decoding.sniff import guesses
 from tumblecal.capture.journal import Journal
-from tumblecal.capture.port.live import LiveStream
-from tumblecal.capture.port.recording import Recording
+from tumblecal.capture.port.live import LiveStream, Recording
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.run import contact
 from tumblecal.capture.run.run_folder import RunFolder, begin
@@ -56,7 +55,7 @@ def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
         }
     )
     recording = Recording(tmp_path / "raw.log", str(tmp_path / "imu"), 921600)
-    stream = LiveStream(recording, protocol(name), None, {})
+    stream = LiveStream(recording, protocol(name), Settings())
     try:
         if feed:
             rig.run(feed)
@@ -89,7 +88,7 @@ def test_a_device_that_does_not_tell_its_range(tmp_path: Path, monkeypatch: pyte
 @pytest.mark.parametrize("name", sorted(protocols()))
 def test_sniffing(name: str) -> None:
     how = protocol(name)
-    settings = how.with_range(Settings(rate_hz=125.0), how.ranges_g[-1]) if how.ranges_g else Settings(rate_hz=125.0)
+    settings = how.settings(how.ranges_g[-1] if how.ranges_g else None, 125.0)
     data = how.encode(some_samples(120), settings)[13:]
     best = guesses(data)[0]
     assert best.name == name and best.explained > 0.95

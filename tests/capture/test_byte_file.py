@@ -15,8 +15,7 @@ from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Settings, Stated, blank
 from tumblecal.capture.log import LogWriter, RecordKind
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.protocols.stim300 import encode
-from tumblecal.capture.protocols.stim300_datagrams import encode_configuration
+from tumblecal.capture.protocols.stim300 import encode, encode_configuration
 from tumblecal.ground.errors import InputError
 
 

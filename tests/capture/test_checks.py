@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.run.position_check import NOT_TURNED, WRONG_POSITION, judge
-from tumblecal.capture.run.rest import Blocks, Stationarity
+from tumblecal.capture.run.dwell import NOT_TURNED, WRONG_POSITION, Blocks, Stationarity, judge
 from tumblecal.recordings.dwells.dwell_checks import check_dwell
 
 

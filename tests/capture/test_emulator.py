@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,21 +10,20 @@ import pytest
 
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Decoded, Status
-from tumblecal.capture.emulator import instrument, virtual_port
+from tumblecal.capture.emulator import instrument
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.emulator.operator import Typist
-from tumblecal.capture.protocols import protocol, protocols
+from tumblecal.capture.protocols import protocols
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.noise.allan import overlapping_allan
 
 
 def sent(device: VirtualDevice, seconds: float) -> Decoded:
     rate = device.config.instrument.rate_hz
-    name = device.config.instrument.protocol
-    options = {"whole": True} if name == "text" else {}
-    return decode_all(protocol(name).decoder(device.settings, **options), device.advance(round(seconds * rate)))
+    decoder = device.protocol.decoder(replace(device.settings, whole=True))
+    return decode_all(decoder, device.advance(round(seconds * rate)))
 
 
 @pytest.mark.parametrize("name", sorted(protocols()))
@@ -78,8 +78,7 @@ class Clock:
 def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path, monkeypatch) -> None:
     """A computer too slow for the speed: what drifts has gone on meanwhile, and the ledger tells how late it was."""
     speed, asked, clock = 20.0, [], Clock()
-    for module in (instrument, virtual_port):
-        monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr(instrument, "time", clock)
 
     def truth_with_a_pause(alpha: float, beta: float, time_s: float, temperature: float) -> np.ndarray:
         asked.append((time_s, (clock.now - 100.0) * speed))
@@ -111,6 +110,6 @@ def test_typed_commands_act_on_the_head_and_the_chamber(monkeypatch, capsys) -> 
         assert printed[:2] == ["turning to alpha 45, beta 30", "chamber set to 40 degC"]
         assert "type ALPHA BETA" in printed[2]
         device.advance(125 * 60)
-        assert tuple(device.head.angles(device.time_s)) == (45.0, 30.0)
+        assert tuple(device.angles()) == (45.0, 30.0)
         keys.write(b"restart\nknock\nq\n")
         assert not typist(device)

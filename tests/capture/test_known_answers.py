@@ -26,8 +26,8 @@ STIM300 = {
 }
 
 
-def decoded(name: str, text: str, *arguments: object, **options: object) -> Decoded:
-    return decode_all(protocol(name).decoder(*arguments, **options), bytes.fromhex(text))
+def decoded(name: str, text: str, *arguments: Settings) -> Decoded:
+    return decode_all(protocol(name).decoder(*arguments), bytes.fromhex(text))
 
 
 @pytest.mark.parametrize("identifier", STIM300)

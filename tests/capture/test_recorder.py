@@ -19,7 +19,7 @@ from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.log import RecordKind, read_log
-from tumblecal.capture.port.recording import Recording
+from tumblecal.capture.port.live import Recording
 from tumblecal.capture.port.transport import Port
 from tumblecal.capture.protocols import protocol
 from tumblecal.ground.errors import InputError
@@ -138,13 +138,13 @@ def test_kills_lose_nothing_acknowledged_and_the_recorder_is_started_again(tmp_p
     """kill -9 at random moments: every log reopens, what was said to be on the disk is there, nothing twice."""
     rig, random = Rig(tmp_path), np.random.default_rng(0)
     log = tmp_path / "raw.log"
-    acknowledged = 0
     for _ in range(kills):
         recording = Recording(log, str(tmp_path / "imu"), 921600)
         rig.run(float(random.uniform(0.05, 0.6)))
         recording.poll()
+        recording.sync()
+        acknowledged = recording.position
         os.kill(recording.pid, signal.SIGKILL)
-        acknowledged = max(acknowledged, recording.synced)
         recording.stop()
         with open(log, "ab") as file:
             file.write(os.urandom(int(random.integers(0, 40))))

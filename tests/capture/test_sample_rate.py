@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.decoding.losses import Rates, losses_from_time
+from tumblecal.capture.decoding.losses import losses_from_time, losses_of
+from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.journal import Journal
-from tumblecal.capture.port.live import LiveStream
-from tumblecal.capture.port.recording import Recording
+from tumblecal.capture.port.live import LiveStream, Recording
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.run.contact import Contact
-from tumblecal.capture.run.dwell import losses_of
 from tumblecal.capture.run.run_folder import RunFolder
 
 
@@ -52,7 +51,7 @@ def test_a_backlog_does_not_change_the_rate(tmp_path: Path) -> None:
     )
     recording = Recording(tmp_path / "raw.log", board.port, 115200)
     how = protocol("text")
-    stream = LiveStream(recording, how, None, how.decoder_options(plan.port.columns, plan.port.unit))
+    stream = LiveStream(recording, how, Settings(columns=plan.port.columns, unit=plan.port.unit))
     try:
         with closing(Journal(tmp_path)) as journal:
             (contact := Contact(RunFolder(tmp_path, plan, journal), stream)).meet()
@@ -70,12 +69,12 @@ def stamps(times: np.ndarray, seed: int = 1) -> np.ndarray:
 
 def test_a_rate_that_differs_from_the_stated_one_is_a_warning_and_an_equal_one_is_not() -> None:
     for seed in range(20):
-        rates = losses_from_time(stamps(np.arange(1000) / 100, seed)).rates
-        assert rates.words(100.0) == ""
-        assert "samples a second, but 303 are expected: baud rate too low?" in rates.words(303.0)
-        assert float(rates.words(303.0).split()[3]) == pytest.approx(100, rel=0.005)
-        assert "but 50 are expected" in rates.words(50.0) and "baud" not in rates.words(50.0)
-    assert Rates.of(np.array([3]), np.array([0.1])).words(100.0) == ""
+        rates = losses_from_time(stamps(np.arange(1000) / 100, seed))
+        assert rates.rate_words(100.0) == ""
+        assert "samples a second, but 303 are expected: baud rate too low?" in rates.rate_words(303.0)
+        assert float(rates.rate_words(303.0).split()[3]) == pytest.approx(100, rel=0.005)
+        assert "but 50 are expected" in rates.rate_words(50.0) and "baud" not in rates.rate_words(50.0)
+    assert losses_from_time(np.array([0.1])).rate_words(100.0) == ""
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e3, 1e6])
@@ -85,7 +84,7 @@ def test_the_clock_of_the_device_decides_where_there_is_one(unit: float, counter
     time_s = np.arange(600) / 100.7
     columns = "counter,time,ax,ay,az" if counter else "-,time,ax,ay,az"
     how = protocol("text")
-    decoder = how.decoder(None, **how.decoder_options(columns, "g", whole=True))
+    decoder = how.decoder(Settings(columns=columns, unit="g", whole=True))
     lines = [f"{k},{4.5e6 + t * unit:.7f},0.0,0.0,1.0\n" for k, t in enumerate(time_s) if not (counter and k % 50 == 7)]
     samples = decoder.feed("".join(lines).encode()).samples
     kept = np.array([k for k in range(600) if not (counter and k % 50 == 7)])

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from hand_fed import HandFed
 
+from tumblecal.capture import chamber as soak
 from tumblecal.capture.capture_plan import CapturePlan, ChamberTable, SoakTable
-from tumblecal.capture.chamber import soak
-from tumblecal.capture.chamber.chamber import Chamber
-from tumblecal.capture.chamber.soak import Stability, with_temperatures
+from tumblecal.capture.chamber import Chamber, Stability
 from tumblecal.capture.journal import RunState
 from tumblecal.capture.run.guide import Phase
+from tumblecal.capture.run.run_folder import with_temperatures
 from tumblecal.capture.run.screen import header_of, line_of, note_of
 from tumblecal.ground.errors import InputError
 

@@ -1,5 +1,7 @@
 """Streams of every protocol: round trips, any cut, garbage anywhere, damage; nothing false, nothing more lost."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,8 +11,7 @@ from streams import some_samples
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Counts, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import protocol, protocols
-from tumblecal.capture.protocols.stim300 import encode
-from tumblecal.capture.protocols.stim300_datagrams import PLACES, encode_configuration, encode_special
+from tumblecal.capture.protocols.stim300 import PLACES, encode, encode_configuration, encode_special
 
 
 NAMES = sorted(protocols())
@@ -38,13 +39,11 @@ def bitwise_crc32(data: bytes) -> int:
 
 def settings_for(name: str) -> Settings:
     how = protocol(name)
-    plain = Settings(rate_hz=125.0)
-    return how.with_range(plain, 10.0 if name == "stim300" else 16.0) if how.ranges_g else plain
+    return how.settings((10.0 if name == "stim300" else 16.0) if how.ranges_g else None, 125.0)
 
 
 def decoder_for(name: str):
-    options = {"whole": True} if name == "text" else {}
-    return protocol(name).decoder(settings_for(name), **options)
+    return protocol(name).decoder(replace(settings_for(name), whole=True))
 
 
 def in_pieces(decoder, data: bytes, sizes: list[int]) -> tuple[Samples, Counts]:
@@ -116,7 +115,7 @@ def test_stim300_velocity_outputs(output: str) -> None:
     body = bytearray(bytes.fromhex(encode_configuration(ten_g).hex())[1:22])
     body[7] = 0x70 | {"increment": 1, "integrated": 4}[output]
     data = encode_special("configuration", bytes(body)) + encode(samples, ten_g)
-    found = decode_all(protocol("stim300").decoder(None), data).samples.force
+    found = decode_all(protocol("stim300").decoder(), data).samples.force
     np.testing.assert_allclose(found[1:], np.tile(force, (n - 1, 1)), atol=2e-5)
 
 

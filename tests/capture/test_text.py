@@ -5,13 +5,13 @@ import pytest
 
 from tumblecal.capture.decoding.checks import exclusive_or
 from tumblecal.capture.decoding.framing import decode_all
-from tumblecal.capture.decoding.samples import Decoded, Status
+from tumblecal.capture.decoding.samples import Decoded, Settings, Status
 from tumblecal.capture.protocols.text import TextDecoder
 from tumblecal.ground.errors import InputError
 
 
 def decoded(lines: list[str], ending: str = "\r\n") -> Decoded:
-    return decode_all(TextDecoder(whole=True), "".join(line + ending for line in lines).encode())
+    return decode_all(TextDecoder(Settings(whole=True)), "".join(line + ending for line in lines).encode())
 
 
 # Lines with {k} and {j} (k modulo 7), what is learned of them, and the force in g that line 5 states.
@@ -65,7 +65,7 @@ def test_columns_without_names_are_asked_for_and_never_guessed() -> None:
     assert len(found.samples) == 0 and found.counts.special == 40 and found.counts.discarded == 0
     (words,) = (event.content["text"] for event in found.events if event.kind == "refused")
     assert "give --columns counter,time,ax,ay,az,- --unit 'mg'" in words
-    pasted = TextDecoder("counter,time,ax,ay,az,-", "mg", whole=True)
+    pasted = TextDecoder(Settings(columns="counter,time,ax,ay,az,-", unit="mg", whole=True))
     assert len(decode_all(pasted, "".join(f"{line}\n" for line in text).encode()).samples) == 40
 
 
@@ -97,16 +97,16 @@ def test_a_line_without_a_number_is_a_sample_that_counts_as_bad(word: str, at: i
 
 def test_the_cut_first_line_of_a_port_is_dropped() -> None:
     data = "".join(f"{k % 3},-2,1000\n" for k in range(60)).encode()[3:]
-    found = decode_all(TextDecoder("ax,ay,az"), data)
+    found = decode_all(TextDecoder(Settings(columns="ax,ay,az")), data)
     assert len(found.samples) == 59 and found.samples.force[0].tolist() == [0.001, -0.002, 1.0]
 
 
 def test_given_layout() -> None:
     with pytest.raises(InputError, match="give ax, ay and az"):
-        TextDecoder("ax,ay")
+        TextDecoder(Settings(columns="ax,ay"))
     with pytest.raises(InputError, match="unit"):
-        TextDecoder("ax,ay,az", "stone")
-    found = decode_all(TextDecoder("-,az,ay,ax", "mg", whole=True), b"7 1000 0 1\n8 1000 0 2\n")
+        TextDecoder(Settings(columns="ax,ay,az", unit="stone"))
+    found = decode_all(TextDecoder(Settings(columns="-,az,ay,ax", unit="mg", whole=True)), b"7 1000 0 1\n8 1000 0 2\n")
     assert found.samples.force.tolist() == [[0.001, 0.0, 1.0], [0.002, 0.0, 1.0]]
 
 
@@ -127,6 +127,6 @@ def test_each_header_holds_from_its_line_on() -> None:
 def test_an_overlong_line_costs_no_other() -> None:
     lines = ["ax,ay,az", *["1,2,1000"] * 40]
     data = ("\n".join(lines) + "\n" + "9" * 3000 + "\n" + "1,2,1000\n" * 5 + "7" * 2000).encode()
-    whole = decode_all(TextDecoder(whole=True), data)
-    assert len(whole.samples) == 45 == len(decode_all(TextDecoder(whole=True), data, chunk=500).samples)
+    whole = decode_all(TextDecoder(Settings(whole=True)), data)
+    assert len(whole.samples) == 45 == len(decode_all(TextDecoder(Settings(whole=True)), data, chunk=500).samples)
     assert whole.counts.discarded == 3001 + 2000

@@ -8,7 +8,7 @@ from capture_folder import PLAN, write_capture
 from tumblecal.data import read_positions
 from tumblecal.data.raw import read_raw
 from tumblecal.ground.gravity import Gravity
-from tumblecal.recordings.dwells.position_samples import read_position_samples
+from tumblecal.recordings.dwells.by_columns import read_position_samples
 from tumblecal.recordings.reduce import reduced
 
 

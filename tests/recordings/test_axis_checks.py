@@ -6,7 +6,7 @@ import pytest
 from recordings_made import made
 
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.dwells.axis_checks import require_axes_answer
+from tumblecal.recordings.dwells.dwell_checks import require_axes_answer
 from tumblecal.recordings.options import KnownContext
 from tumblecal.recordings.reduce import reduced
 

@@ -44,7 +44,7 @@ def dataflash(
 def dataflash_text(rows: np.ndarray, parameters: Mapping[str, float]) -> bytes:
     """The same as text, with messages of another kind between them."""
     lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns", "FMT, 1, 1, ATT, Qcc, TimeUS,Roll,Pitch"]
-    lines += [f"FMT, 131, 43, IMU, QBffffffIIfBBHH, {IMU}"]
+    lines += [f"FMT, 131, 43, IMU, QBffffffIIfBBHH, {IMU}", "FMT, 40, 31, PARM, QNf, TimeUS,Name,Value"]
     lines += [f"PARM, 1, {name}, {value}" for name, value in parameters.items()]
     for k, row in enumerate(rows):
         for own in (0, 1):
@@ -68,7 +68,7 @@ def imported(path, out, options=RecordingOptions()):
 
 DATAFLASH = {
     "log.bin": (lambda rows, parameters: b"".join(dataflash(rows, 2, parameters)), "IMU", "IMU/1"),
-    "log.log": (dataflash_text, "IMU[0]", "IMU[1]"),
+    "log.log": (dataflash_text, "IMU", "IMU/1"),
 }
 
 

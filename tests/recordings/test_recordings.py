@@ -13,7 +13,7 @@ from tumblecal.capture.protocols import protocol
 from tumblecal.data import read_positions
 from tumblecal.data.calibration import Calibration
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.correction.correction import Correction, write_corrected
+from tumblecal.recordings.correction.correction import write_corrected
 from tumblecal.recordings.correction.uncorrected import uncorrected
 from tumblecal.recordings.options import KnownContext, RecordingOptions
 from tumblecal.recordings.reduce import reduced
@@ -94,8 +94,8 @@ def _sheet(path, s):
 def _applied(recording, options, s, out):
     """What `apply` makes of a recording is the formula on its samples."""
     matrix, bias = np.array([[1.001, 2e-3, 0], [0, 0.998, -1e-3], [3e-3, 0, 1.002]]), np.array([0.01, -0.02, 0.03])
-    correction = Correction(Calibration(matrix, bias, np.zeros((12, 12))), recording)
-    checks, *_ = write_corrected(out, uncorrected(recording, options), correction)
+    calibration = Calibration(matrix, bias, np.zeros((12, 12)))
+    checks, *_ = write_corrected(out, uncorrected(recording, options), calibration, recording)
     corrected = pl.read_parquet(out)
     unit = next(column.rpartition("_")[2] for column in corrected.columns if column.startswith("ax_"))
     force = corrected.select(f"a{axis}_{unit}" for axis in "xyz").to_numpy() / (G if unit == "ms2" else 1.0)

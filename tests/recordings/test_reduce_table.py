@@ -10,7 +10,7 @@ import pytest
 
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.dwells.position_samples import read_position_samples
+from tumblecal.recordings.dwells.by_columns import read_position_samples
 from tumblecal.recordings.options import KnownContext
 from tumblecal.recordings.reduce import reduced
 

@@ -13,7 +13,7 @@ from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings import reduce
 from tumblecal.recordings.dwells.file_names import recording_files
-from tumblecal.recordings.dwells.file_places import places_by_names, places_by_table
+from tumblecal.recordings.dwells.places import places_by_names, places_by_table
 from tumblecal.recordings.options import KnownContext, RecordingOptions
 
 
@@ -207,7 +207,7 @@ def test_files_without_times_have_the_stated_rate(tmp_path, six):
     found = reduce.reduced(files, KnownContext(plan=six), RecordingOptions(rate=100.0))
     assert sorted(found.data.names) == sorted(FACES) and found.data.time_s is None
     (refused,) = (one.reason for one in found.dwells.stillness.intervals if one.reason)
-    assert re.fullmatch(r"attitude: 7\d deg from the longest interval at rest of x_p.csv", refused)
+    assert re.fullmatch(r"attitude: 9\d deg from the longest interval at rest of x_p.csv", refused)
 
 
 def test_dates_order_the_files_and_are_the_time(tmp_path, six):

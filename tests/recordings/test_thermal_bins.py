@@ -6,7 +6,7 @@ import pytest
 
 from tumblecal.recordings.thermal.bins import binned, default_width
 from tumblecal.recordings.thermal.series import SQUARES, ThermalSeries
-from tumblecal.recordings.thermal.smoothed_temperature import resolution_of
+from tumblecal.recordings.thermal.temperature import resolution_of
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, ThermalTable
 
 

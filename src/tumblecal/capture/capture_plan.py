@@ -18,7 +18,7 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, Gravity, normal_gravi
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
 
 
-SETUP = "capture_setup"
+SETUP, OPERATOR = "capture_setup", "operator"
 _MOST_POSITIONS = 5000
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
@@ -104,6 +104,11 @@ class Site(Strict):
         if self.latitude_deg is not None:
             return Gravity(normal_gravity(self.latitude_deg, self.height_m), "normal gravity of latitude and height")
         return Gravity(STANDARD_GRAVITY_MS2, "standard gravity, no site given")
+
+    @property
+    def to_local_g(self) -> float:
+        """Factor from standard g to local g."""
+        return STANDARD_GRAVITY_MS2 / self.gravity.value_ms2
 
 
 class PlanPosition(Strict):

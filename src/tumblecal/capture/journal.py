@@ -10,8 +10,8 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+from tumblecal.capture.decoding.samples import Entry
 from tumblecal.capture.log import LogWriter, RecordKind, read_log
 from tumblecal.ground.errors import InputError
 
@@ -40,10 +40,10 @@ class Attempt:
     log_start: int
     log_stop: int
     sha256: str
-    summary: dict[str, Any]
+    summary: Entry
     wall_ns: int
-    log_before: int
-    clocks: dict[str, Any] = field(default_factory=dict)
+    log_before: int = 0
+    clocks: Entry = field(default_factory=dict)
     serial_number: str | None = None
 
 
@@ -58,7 +58,7 @@ class RunState:
     - `skipped`: postponed positions. `postponed`: numbers of postponed soaks.
     - `session`: the entry that began the run. `devices`: the entries about the device, one for each start of the recording.
     - `to_confirm`: whether the instrument may be different, so that the operator must confirm it first.
-    - `doubts`: entries on an instrument that was not confirmed, and on its confirmation (older runs: a comparison).
+    - `doubts`: entries on an instrument that was not confirmed, and on its confirmation.
     - `temperature_options`: options of the command about soaks and the chamber, the last of each.
     """
 
@@ -66,14 +66,14 @@ class RunState:
     attempts: dict[int, int] = field(default_factory=dict)
     skipped: set[int] = field(default_factory=set)
     postponed: set[int] = field(default_factory=set)
-    session: dict[str, Any] = field(default_factory=dict)
-    devices: list[dict[str, Any]] = field(default_factory=list)
+    session: Entry = field(default_factory=dict)
+    devices: list[Entry] = field(default_factory=list)
     to_confirm: bool = False
-    doubts: list[dict[str, Any]] = field(default_factory=list)
-    temperature_options: dict[str, Any] = field(default_factory=dict)
+    doubts: list[Entry] = field(default_factory=list)
+    temperature_options: Entry = field(default_factory=dict)
 
     @property
-    def device(self) -> dict[str, Any]:
+    def device(self) -> Entry:
         """The last entry about the device; empty if there is none."""
         return self.devices[-1] if self.devices else {}
 
@@ -82,45 +82,37 @@ class RunState:
         """The first serial number that the run's instrument stated; None if it never did."""
         return next((device["serial_number"] for device in self.devices if device.get("serial_number")), None)
 
-    def stated(self, kind: str) -> dict[str, Any]:
+    def stated(self, kind: str) -> Entry:
         """The content of the last event of this kind that the instrument sent before a recording; empty for none."""
         events = [event for device in self.devices for event in device.get("events", []) if event["kind"] == kind]
         return events[-1] if events else {}
 
     @property
-    def configuration(self) -> dict[str, Any] | None:
+    def configuration(self) -> Entry | None:
         """The settings that the instrument stated last, if it did."""
         return self.stated("configuration") or None
-
-    def text_columns(self, columns: str, unit: str) -> tuple[str, str]:
-        """Columns and unit of text lines: those of the plan, otherwise those of the header line when the run began."""
-        layout = self.stated("layout")
-        return columns or ",".join(layout.get("columns", ())), unit or layout.get("unit", "")
 
     @property
     def last_accepted(self) -> Attempt | None:
         """The position that was finished last."""
         return max(self.accepted.values(), key=lambda attempt: attempt.wall_ns, default=None)
 
-    def apply(self, entry: dict[str, Any]) -> None:
+    def apply(self, entry: Entry) -> None:
         """Change the state by the next entry of the journal."""
         position = entry.get("position", -1)  # only the entries about a position have one
-        kind = entry["entry"]
-        match kind:
+        match kind := entry["entry"]:
             case "session":
                 self.session = entry
             case "device":
                 self.devices.append(entry)
                 self.to_confirm &= not entry.get("serial_number")
-            case "identity_not_confirmed" | "identity_confirmed" | "identity_trusted" | "compared":
+            case "identity_not_confirmed" | "identity_confirmed" | "identity_trusted":
                 self.doubts.append(entry)
-                unknown = kind == "identity_not_confirmed" and bool(self.accepted)
-                self.to_confirm = unknown or (kind == "compared" and not entry["agrees"])
+                self.to_confirm = kind == "identity_not_confirmed" and bool(self.accepted)
             case "recording":
                 self.attempts[position] = entry["attempt"]
             case "accepted":
-                older = {"log_before": entry["log_start"], "serial_number": self.device.get("serial_number")}
-                known = {name: value for name, value in (older | entry).items() if name in Attempt.__dataclass_fields__}
+                known = {name: value for name, value in entry.items() if name in Attempt.__dataclass_fields__}
                 self.accepted[position] = Attempt(number=entry["attempt"], **known)
                 self.skipped.discard(position)
             case "withdrawn":
@@ -146,7 +138,7 @@ class RunState:
         return min((k for k in range(count) if k not in self.accepted), key=order, default=None)
 
 
-def replayed(entries: Iterable[dict[str, Any]]) -> RunState:
+def replayed(entries: Iterable[Entry]) -> RunState:
     """The state of the run after these entries; a session that begins again after one without a device replaces it."""
     state = RunState()
     for entry in entries:
@@ -156,7 +148,7 @@ def replayed(entries: Iterable[dict[str, Any]]) -> RunState:
     return state
 
 
-def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict[str, Any]]:
+def read_journal(folder: Path, faults: list[str] | None = None) -> list[Entry]:
     """All entries of a capture's journal.
 
     **Arguments:**
@@ -176,7 +168,7 @@ def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict[str
     return entries
 
 
-def _entries(path: Path, faults: list[str] | None) -> list[dict[str, Any]]:
+def _entries(path: Path, faults: list[str] | None) -> list[Entry]:
     return [record.content() for record in read_log(path, faults=faults) if record.kind == RecordKind.JOURNAL]
 
 
@@ -192,20 +184,16 @@ class Journal:
     **Raises:** `InputError` if another capture has it open.
     """
 
-    state: RunState
-    damage: list[str]
-
     def __init__(self, folder: Path):
-        self._writer = LogWriter(folder / JOURNAL_NAME)
-        self.damage = []
+        self._writer, self.damage = LogWriter(folder / JOURNAL_NAME), list[str]()
         try:
             self.state = replayed(_entries(self._writer.path, self.damage))
         except BaseException:
             self.close()
             raise
 
-    def write(self, entry: str, **content: object) -> dict[str, Any]:
-        """Add an entry, apply it to the state, and return it with its time.
+    def write(self, entry: str, **content: object) -> None:
+        """Add an entry, and apply it to the state.
 
         **Raises:** `InputError` if the disk is full or fails, or the journal was deleted or moved.
         """
@@ -213,7 +201,6 @@ class Journal:
         self._writer.append_json(RecordKind.JOURNAL, full, time.monotonic_ns())
         self.state.apply(full)
         self.check()
-        return full
 
     def check(self) -> None:
         """Raise `InputError` if the journal was deleted or moved, or its folder can no longer be written."""
@@ -233,8 +220,8 @@ def sha256_of(path: Path, start: int = 0, stop: int | None = None) -> str:
     try:
         with path.open("rb") as file:
             file.seek(start)
-            if stop is None:
-                return hashlib.file_digest(file, "sha256").hexdigest()
-            return hashlib.sha256(file.read(stop - start)).hexdigest()
+            return (
+                hashlib.file_digest(file, "sha256") if stop is None else hashlib.sha256(file.read(stop - start))
+            ).hexdigest()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error

@@ -16,15 +16,15 @@ import zlib
 from collections.abc import Iterator
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from tumblecal.capture.decoding.samples import Entry
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.unwritable import FULL
 
 
 MAGIC = b"\xa7TC\x01"
-_HEADER = struct.Struct("<4sIIqI")
-HEADER_SIZE = _HEADER.size
+_HEADER, _CHECKED = struct.Struct("<4sIIqI"), struct.Struct("<IIq")
 _LARGEST_PAYLOAD = 1 << 24
 
 
@@ -45,13 +45,13 @@ class Record(NamedTuple):
     stamp_ns: int
     payload: bytes
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Entry:
         """The payload of an event or journal entry."""
         return json.loads(self.payload)
 
 
 def _check(kind: int, stamp_ns: int, payload: bytes) -> int:
-    return zlib.crc32(payload, zlib.crc32(struct.pack("<IIq", kind, len(payload), stamp_ns)))
+    return zlib.crc32(payload, zlib.crc32(_CHECKED.pack(kind, len(payload), stamp_ns)))
 
 
 @contextlib.contextmanager
@@ -71,17 +71,13 @@ class LogReader:
 
     **Arguments:**
 
-    - `path`: the log.
-    - `start`: first byte.
+    - `path`: the log. `start`: first byte.
 
     `position`: end of the complete records read so far; `damaged`: stretches (start, stop) without a record.
     """
 
-    position: int
-
     def __init__(self, path: Path, start: int = 0):
-        self.path, self.position = path, start
-        self.damaged: list[tuple[int, int]] = []
+        self.path, self.position, self.damaged = path, start, list[tuple[int, int]]()
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
 
     def close(self) -> None:
@@ -89,7 +85,7 @@ class LogReader:
         os.close(self._descriptor)
 
     def stat(self) -> os.stat_result:
-        """Identity of the file: device and inode."""
+        """Identity and size of the file."""
         return os.fstat(self._descriptor)
 
     def sync(self) -> None:
@@ -125,13 +121,13 @@ class LogReader:
 
     def _record_at(self, at: int) -> Record | None:
         """The record at a place; None if there is no complete and valid one."""
-        header = os.pread(self._descriptor, HEADER_SIZE, at)
-        if len(header) < HEADER_SIZE or not header.startswith(MAGIC):
+        header = os.pread(self._descriptor, _HEADER.size, at)
+        if len(header) < _HEADER.size or not header.startswith(MAGIC):
             return None
         _, kind, length, stamp, check = _HEADER.unpack(header)
-        payload = os.pread(self._descriptor, min(length, _LARGEST_PAYLOAD), at + HEADER_SIZE)
+        payload = os.pread(self._descriptor, min(length, _LARGEST_PAYLOAD), at + _HEADER.size)
         whole = len(payload) == length and _check(kind, stamp, payload) == check
-        return Record(at, at + HEADER_SIZE + length, kind, stamp, payload) if whole else None
+        return Record(at, at + _HEADER.size + length, kind, stamp, payload) if whole else None
 
 
 def read_log(path: Path, start: int = 0, stop: int | None = None, faults: list[str] | None = None) -> list[Record]:
@@ -162,20 +158,18 @@ class LogWriter:
     **Raises:** `InputError` if another process writes this log, or the file cannot be created.
     """
 
-    position: int
-    cut: int
-
     def __init__(self, path: Path, patience_s: float = 0.0):
-        self.path = path
+        self.path, deadline_s = path, time.monotonic() + patience_s
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from error
-        try:
-            self._lock(time.monotonic() + patience_s)
-        except InputError:
-            os.close(self._descriptor)
-            raise
+        # The kernel releases this lock when its process ends for any reason.
+        while why := self._locked():
+            if time.monotonic() > deadline_s:
+                os.close(self._descriptor)
+                raise InputError(f"{path}: {why}")
+            time.sleep(0.02)
         with contextlib.closing(LogReader(path)) as reader:
             for _ in reader.records():
                 pass
@@ -187,21 +181,15 @@ class LogWriter:
         os.fsync(folder)
         os.close(folder)
 
-    def _lock(self, deadline_s: float) -> None:
-        """Take the lock of the kernel, which is released when its process ends for any reason."""
-        while True:
-            try:
-                return fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                if time.monotonic() > deadline_s:
-                    raise InputError(
-                        f"{self.path}: another capture is writing this log; end it first, or give another folder"
-                    ) from error
-                time.sleep(0.02)
-            except OSError as error:
-                raise InputError(
-                    f"{self.path}: cannot be locked ({error.strerror}); give a folder on a local disk"
-                ) from error
+    def _locked(self) -> str:
+        """Take the lock; returns why that is not possible, or an empty text."""
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return ""
+        except BlockingIOError:
+            return "another capture is writing this log; end it first, or give another folder"
+        except OSError as error:
+            return f"cannot be locked ({error.strerror}); give a folder on a local disk"
 
     def append(self, kind: RecordKind, payload: bytes, stamp_ns: int) -> int:
         """Append one record and return the place just after it.
@@ -215,19 +203,17 @@ class LogWriter:
                 while written < len(data):
                     written += os.write(self._descriptor, data[written:])
             except OSError:
-                with contextlib.suppress(
-                    OSError
-                ):  # a disk that fails keeps the torn record; the next writer cuts it off
+                # A disk that fails keeps the torn record; the next writer cuts it off.
+                with contextlib.suppress(OSError):
                     os.ftruncate(self._descriptor, self.position)
                 raise
         self.position += len(data)
         return self.position
 
-    def append_json(self, kind: RecordKind, content: dict[str, Any], stamp_ns: int) -> int:
+    def append_json(self, kind: RecordKind, content: Entry, stamp_ns: int) -> None:
         """Append an event or journal entry and put it on the disk."""
-        stop = self.append(kind, json.dumps(content, separators=(",", ":")).encode(), stamp_ns)
+        self.append(kind, json.dumps(content, separators=(",", ":")).encode(), stamp_ns)
         self.sync()
-        return stop
 
     def sync(self) -> None:
         """Write everything to the disk.
@@ -244,18 +230,16 @@ class LogWriter:
         """
         # This check comes first: a log deleted between the two checks was not made read-only.
         writable = os.access(self.path.parent, os.W_OK) and os.access(self.path, os.W_OK)
-        own = os.fstat(self._descriptor)
-        try:
-            there = os.path.samestat(self.path.stat(), own)
-        except OSError:
-            there = False
+        file, there = os.fstat(self._descriptor), False
+        with contextlib.suppress(OSError):
+            there = os.path.samestat(self.path.stat(), file)
+        moved = Path(f"/proc/self/fd/{self._descriptor}")
+        if not there and file.st_nlink and moved.exists():
+            folder = moved.resolve().parent
+            words = f"was moved while capturing; recording stopped, all data before are stored: --resume {folder}"
+            raise InputError(f"{self.path}: {words}")
         if not there:
-            moved = Path(f"/proc/self/fd/{self._descriptor}")
-            if not own.st_nlink or not moved.exists():
-                words = "was deleted while capturing; recording stopped, and this file is lost. Begin a new run"
-            else:
-                folder = moved.resolve().parent
-                words = f"was moved while capturing; recording stopped, all data before are stored: --resume {folder}"
+            words = "was deleted while capturing; recording stopped, and this file is lost. Begin a new run"
             raise InputError(f"{self.path}: {words}")
         if not writable:
             raise InputError(

@@ -13,7 +13,7 @@ from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptio
 from tumblecal.recordings.own_tables import with_context
 from tumblecal.recordings.reduce import positions_or_rest
 from tumblecal.recordings.reduction import Reduction
-from tumblecal.recordings.thermal.attitudes import grouped
+from tumblecal.recordings.still.intervals import grouped
 
 
 # Fewer directions need a log of at least this length, s.

@@ -13,9 +13,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from jaxtyping import Float
 from pydantic import BeforeValidator
+from scipy.special import softmax
 
 from tumblecal.data import PositionSet
 from tumblecal.effects import AXES
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.record import ResultRecord, at, by_name
@@ -232,6 +235,34 @@ def recorded_noises(data: PositionSet) -> list[MeanNoise]:
             weight = float(np.log(prior))
             noises.append(replace(base, covariance=covariance, sd=sd, lasts=lasts, log_weight=weight, level=level))
     return noises
+
+
+def likeliest_noise(fit: Fit) -> MeanNoise | None:
+    """The noise of the recording that the residuals support; None if the noise of the fit is not that of a recording.
+
+    The ways in which slow noise may continue compete by the restricted likelihood of the residuals (Patterson and Thompson
+    1971), linearised at the exact fit, and by their prior weights. The covariance is the mean over all, by probability.
+    """
+    problem = fit.problem
+    noises = recorded_noises(fit.data) if problem.noise_of_recording else []
+    if not noises:
+        return None
+    unit = problem.with_noise(Covariance.of_sd(np.ones(problem.readings.shape)), known=True)
+    residual, jacobian = (np.asarray(part) for part in linearised(unit, fit.values))
+    rows = np.column_stack([jacobian, residual])
+    weights = [noise.log_weight + _restricted(Covariance.by_axis(noise.covariance), rows) for noise in noises]
+    probabilities = softmax(weights)
+    return replace(
+        noises[int(np.argmax(weights))],
+        covariance=np.tensordot(probabilities, [noise.covariance for noise in noises], 1),
+        sd=np.sqrt(np.tensordot(probabilities, [noise.sd**2 for noise in noises], 1)),
+    )
+
+
+def _restricted(noise: Covariance, rows: Float[np.ndarray, "rows columns"]) -> float:
+    """Logarithm of the restricted likelihood under a noise; the columns are a Jacobian and the residual (g)."""
+    triangle = np.abs(np.diag(np.linalg.qr(noise.whiten(rows), mode="r")))
+    return float(-noise.half_log_det - np.sum(np.log(triangle[:-1])) - triangle[-1] ** 2 / 2)
 
 
 def _diagonal(sd: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "3 positions positions"]:

@@ -20,6 +20,7 @@ from tumblecal.estimation.contradicted import ContradictedLevel, contradicted_le
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.leave_out import Contradicted, contradicted
+from tumblecal.estimation.mean_noise import MeanNoise, likeliest_noise
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.position_problem import problem_of
 from tumblecal.estimation.priors import Priors
@@ -48,7 +49,8 @@ class Calibrated(Pickled, Shown):
 
     `implausible`: implausible parameters of the exact fit. `setup_errors`: corrected before the fit. `scatter`:
     of the attitudes, if tilts are in the fit. `floor`: dispersion between positions in addition to the sd columns, if any.
-    `level`: the stated noise level, if the residuals contradict it. `entries`: the catalogue of the chain's effects.
+    `level`: the stated noise level, if the residuals contradict it. `noise`: of the recording of the means,
+    if it is used. `entries`: the catalogue of the chain's effects.
 
     Examples:
         >>> import tumblecal
@@ -67,6 +69,7 @@ class Calibrated(Pickled, Shown):
     scatter: AttitudeScatter | None = None
     floor: BetweenPositionSd | None = None
     level: ContradictedLevel | None = None
+    noise: MeanNoise | None = None
     entries: Catalogue = field(default_factory=catalogue)
 
     @property
@@ -216,13 +219,14 @@ def require_measured(data: PositionSet) -> None:
 
 
 class ExactFit(NamedTuple):
-    """The exact fit; the scatter of the attitudes and the floor that it includes, and the stated noise level that it replaces,
-    if there are any."""
+    """The exact fit; the scatter of the attitudes and the floor that it includes, the stated noise level that it replaces, and
+    the noise of the recording that it uses, if there are any."""
 
     fit: Fit
     scatter: AttitudeScatter | None = None
     floor: BetweenPositionSd | None = None
     level: ContradictedLevel | None = None
+    noise: MeanNoise | None = None
 
 
 def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
@@ -234,13 +238,15 @@ def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
     """
     fitted = exact.fit(problem)
     require_noise(fitted)
+    if (noise := likeliest_noise(fitted)) is not None:
+        fitted = exact.fit(noise.applied(problem), fitted.values)
     fitted, scatter = fit_with_scatter(fitted) or (fitted, None)
     problem = fitted.problem
     floor = between_position_sd(fitted) if by_columns else None
     if floor is not None:
-        return ExactFit(exact.fit(floor.applied(problem)), scatter, floor=floor)
+        return ExactFit(exact.fit(floor.applied(problem)), scatter, floor=floor, noise=noise)
     level = contradicted_level(fitted)
-    return ExactFit(fitted if level is None else exact.fit(level.applied(problem)), scatter, level=level)
+    return ExactFit(fitted if level is None else exact.fit(level.applied(problem)), scatter, level=level, noise=noise)
 
 
 def all_methods(
@@ -261,7 +267,7 @@ def all_methods(
 
     **Raises:** `InputError` if the design cannot determine the chain's parameters, and as `require_noise`.
     """
-    fitted, scatter, floor, level = exact_fit(problem, by_columns=by_columns)
+    fitted, scatter, floor, level, noise = exact_fit(problem, by_columns=by_columns)
     problem = fitted.problem
     fits, skipped = {"exact": fitted}, {}
     least = float(np.min(problem.sd)) if problem.known else fitted.sigma
@@ -275,4 +281,4 @@ def all_methods(
             fits["kalman"] = kalman.fit(problem.independent, sigma=fitted.sigma)
     except InputError as error:
         skipped |= dict.fromkeys(("harmonic", "kalman"), str(error))
-    return Calibrated(fits, skipped, implausible(fitted, usual), scatter=scatter, floor=floor, level=level)
+    return Calibrated(fits, skipped, implausible(fitted, usual), scatter=scatter, floor=floor, level=level, noise=noise)

@@ -232,9 +232,9 @@ class Problem:
 
     @property
     def noise_of_recording(self) -> bool:
-        """Whether the noise is correlated and is that of the recording of the means, not one that a rig states."""
-        stated = None if self.data is None else self.data.weighing_sd
-        return self.correlated and stated is not None and np.array_equal(self.sd, stated)
+        """Whether the noise is that of the recording of the means; a stated one is the same for all readings."""
+        recorded = self.data is not None and self.data.recorded_noise is not None
+        return recorded and self.known and bool(np.ptp(self.sd) > 0)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
 from tumblecal.data.files import read_positions
 from tumblecal.data.parquet import scan_parquet
@@ -13,11 +13,10 @@ from tumblecal.data.raw import read_raw
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.precision import single_blas_thread
-from tumblecal.recordings.dwells.by_columns import dwells_by_columns, table_with_plan
+from tumblecal.recordings.dwells.by_columns import dwells_by_columns, means_of, table_with_plan
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples
-from tumblecal.recordings.dwells.file_places import FilePlaces, places_by_names, places_by_table
 from tumblecal.recordings.dwells.join import joined, notes_of
-from tumblecal.recordings.dwells.means import means_of
+from tumblecal.recordings.dwells.places import FilePlaces, Known, places_by_names, places_by_table
 from tumblecal.recordings.dwells.rest import dwells_at_rest
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
@@ -50,7 +49,7 @@ def reduced(
     **Example:** `reduced([Path("log.csv")], KnownContext(static=True)).data.readings`
     """
     with single_blas_thread():
-        return reduction_of(replace(dwells_of(files, context, options, criterion), files=tuple(files)))
+        return reduction_of(replace(_dwells_of(files, context, options, criterion), files=tuple(files)))
 
 
 def positions_or_rest(
@@ -62,24 +61,21 @@ def positions_or_rest(
     **Raises:** as `reduced`.
     """
     path, named = files[0], context.plan or context.by or context.table
-    if len(files) == 1 and not (context.static or named) and (data := _position_file(path, context, options)):
+    if len(files) == 1 and not (context.static or named) and (data := position_file(path, context, options)):
         return Reduction(data, DwellSamples(data, files=(path,)))
     unstated = not (named or context.means or (path / JOURNAL_NAME).is_file())
-    known = replace(context, static=context.static or unstated, run="", mount="")
-    return reduced(files, known, options, criterion)
+    return reduced(files, replace(context, static=context.static or unstated, run="", mount=""), options, criterion)
 
 
-def _position_file(path: Path, context: KnownContext, options: RecordingOptions) -> PositionSet | None:
+def position_file(path: Path, context: KnownContext, options: RecordingOptions) -> PositionSet | None:
     """The positions of a table with angles; None for other files, and for tables of samples."""
-    if "alpha_deg" not in own_columns(path):
+    if "alpha_deg" not in own_columns(path) or (context.means and options != RecordingOptions(gravity=options.gravity)):
         return None
-    if context.means:
-        return read_positions(path) if options == RecordingOptions(gravity=options.gravity) else None
-    data = read_positions(path, one_of_several=True)
-    return None if are_samples(data) else data
+    data = read_positions(path, one_of_several=not context.means)
+    return data if context.means or not are_samples(data) else None
 
 
-def dwells_of(
+def _dwells_of(
     files: Sequence[Path], context: KnownContext, options: RecordingOptions, criterion: Criterion
 ) -> DwellSamples:
     """The dwells of one recording, or several files of one.
@@ -91,7 +87,7 @@ def dwells_of(
             "--static states that the attitudes are unknown, --plan states them; give only one of these options"
         )
     known = context, plan = context, None if context.plan is None else read_plan(context.plan)
-    path, usual = files[0], options == RecordingOptions()
+    path, usual, places = files[0], options == RecordingOptions(), None
     if len(files) > 1 or context.table is not None:
         if context.means:
             raise InputError(
@@ -99,51 +95,48 @@ def dwells_of(
             )
         if context.table is not None:
             places = places_by_table(files, context.table, plan)
-        elif context.by:
-            places = replace(places_by_names(files, None, hand_held=True), by="")
         else:
-            places = places_by_names(files, plan, hand_held=context.static)
-        with guessed(places.words()):
-            return _of_recordings(files, places, known, options, criterion)
-    if usual and (path / JOURNAL_NAME).is_file() and context == KnownContext(run=context.run, mount=context.mount):
+            places = places_by_names(files, plan, hand_held=context.static or bool(context.by))
+            places = replace(places, by="") if context.by else places
+    elif usual and (path / JOURNAL_NAME).is_file() and context == KnownContext(run=context.run, mount=context.mount):
         from tumblecal.recordings.dwells.captured import captured_dwells  # imports the protocols
 
         return captured_dwells(path, context)
-    if context.means:
+    elif context.means:
         return means_of(path, known, options)
-    if usual and context == KnownContext() and own_columns(path):
+    elif usual and context == KnownContext() and own_columns(path):
         return dwells_by_columns(read_raw(path), sha256_of(path)[:16])
-    return _of_recordings(files, None, known, options, criterion)
+    with guessed(places.words() if places else ()), scratch_folder(path) as folder:
+        return _of_recordings(files, folder, places, known, options, criterion)
 
 
 def _of_recordings(
     files: Sequence[Path],
+    folder: Path,
     places: FilePlaces | None,
-    known: tuple[KnownContext, CapturePlan | None],
+    known: Known,
     options: RecordingOptions,
     criterion: Criterion,
 ) -> DwellSamples:
-    """The dwells of files as one recording: by a column, otherwise by rest."""
+    """The dwells of files as one recording: by a column, otherwise by rest; `folder`: for its samples."""
     context, plan = known
-    with scratch_folder(files[0]) as folder:
-        table = joined(files, folder, options, context.by)
-        recordings, order = table.recordings, table.order
-        of_files = None if places is None else replace(places, places=tuple(places.places[k] for k in order))
-        with guessed(notes_of(recordings)):
-            named = {"position", "alpha_deg"} & set(scan_parquet(table.samples, check=False)[0].collect_schema())
-            if context.by or (named and not (context.static or plan or context.table)):
-                found = dwells_by_columns(table_with_plan(table.samples, table.source, known), table.identifier)
-            elif plan is None and not context.static and places is None:
-                raise InputError(f"{table.source}: {_QUESTION}")
-            else:
-                found = dwells_at_rest(table, of_files, known, criterion)
+    table = joined(files, folder, options, context.by)
+    recordings = table.recordings
+    in_order = places and replace(places, places=tuple(places.places[k] for k in table.order))
+    with guessed(notes_of(recordings)):
+        named = {"position", "alpha_deg"} & {*scan_parquet(table.samples, check=False)[0].collect_schema()}
+        if context.by or (named and not (context.static or plan or context.table)):
+            found = dwells_by_columns(table_with_plan(table.samples, table.source, known), table.identifier)
+        elif plan is None and not context.static and places is None:
+            raise InputError(f"{table.source}: {_QUESTION}")
+        else:
+            found = dwells_at_rest(table, in_order, known, criterion)
     data, clocks = table.with_clocks(found.positions)
     entries, lines = recordings[0].entries, found.lines
-    if places is not None and of_files is not None:
-        listed = zip(recordings, table.bases_s, of_files.places, strict=True)
+    if places is not None and in_order is not None:
         rows = [
-            {"file": str(one.path), "position": place.name, "rows": one.rows, "starts_at_s": base} | one.entries
-            for one, base, place in listed
+            {"file": str(one.path), "position": place.position, "rows": one.rows, "starts_at_s": base} | one.entries
+            for one, base, place in zip(recordings, table.bases_s, in_order.places, strict=True)
         ]
         entries, lines = {"files": rows, "clocks": clocks}, (*places.words(), *lines)
     return replace(

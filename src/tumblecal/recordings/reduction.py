@@ -22,8 +22,7 @@ from tumblecal.noise.dwell_fit import ordinary_dwells
 from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import RecordedNoise
 from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, without_common_change
-from tumblecal.recordings.dwells.axis_checks import require_axes_answer
-from tumblecal.recordings.dwells.dwell_checks import DwellChecks, check_dwell
+from tumblecal.recordings.dwells.dwell_checks import DwellChecks, check_dwell, require_axes_answer
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.recordings.reduction_record import AxisRecord, PositionRecord, ReductionRecord
 

@@ -1,23 +1,23 @@
 """Byte logs from other programs: protocol, contents, and the samples as a table, read in pieces for files of any size."""
 
-from collections import Counter
+from collections import deque
 from collections.abc import Iterator
-from contextlib import closing
-from dataclasses import dataclass, field
+from contextlib import closing, suppress
+from dataclasses import replace
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from tumblecal.capture.decoding.frame_numbers import CountedStream
 from tumblecal.capture.decoding.sample_table import known_columns, table_of, write_frames
-from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank, usable
+from tumblecal.capture.decoding.samples import UNKNOWN, Decoded, Event, Stated, blank, usable
 from tumblecal.capture.decoding.sniff import guessed
+from tumblecal.capture.decoding.tally import Tally
 from tumblecal.capture.log import MAGIC, LogReader, RecordKind
 from tumblecal.capture.protocols import Protocol, protocol
-from tumblecal.capture.protocols.stim300_datagrams import settings_of
+from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import counted
 
@@ -55,51 +55,41 @@ class _StatedLate(Exception):
     """The stream states a property that the rows before it need."""
 
 
-@dataclass
-class FileContents:
+class FileContents(Tally):
     """The contents of a byte log, accumulated piece by piece.
 
     `events`: the first of each kind. `samples`: number of samples; `good`: without a fault. `of_log`: stretches of a capture's
     raw log without a record.
     """
 
-    protocol: Protocol
-    rate_hz: float | None
-    counts: Counts = field(default_factory=Counts)
-    events: list[Event] = field(default_factory=list)
-    samples: int = 0
-    size: int = 0
-    good: int = 0
-    of_log: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._stream = CountedStream(self.protocol.counter, self.rate_hz)
+    def __init__(self, protocol: Protocol, rate_hz: float | None):
+        super().__init__(protocol.counter, rate_hz)
+        self.protocol, self.rate_hz = protocol, rate_hz
+        self.events, self.of_log, self.samples, self.good = list[Event](), list[str](), 0, 0
         # A typical specific force, and sums of the differences from it and of their squares.
         self._typical, self._sums = np.zeros(3), np.zeros((2, 3))
 
     def add(self, piece: Decoded) -> None:
         """Count a piece."""
-        samples, known = piece.samples, Counter(event.kind for event in self.events)
-        self.counts.add(piece.counts)
-        self.samples += len(samples)
+        super().add(piece)
+        self.samples += len(piece.samples)
         for event in piece.events:
-            known[event.kind] += 1
-            self.events += [event] * (known[event.kind] <= _STORED_EVENTS)
-        force = samples.force[usable(samples)]
+            known = sum(earlier.kind == event.kind for earlier in self.events)
+            self.events += [event] * (known < _STORED_EVENTS)
+        force = piece.samples.force[usable(piece.samples)]
         if len(force):
             self._typical = self._typical if self.good else force[0]
             self.good += len(force)
             with np.errstate(over="ignore", invalid="ignore"):
                 difference = force - self._typical
-                self._sums += np.array([difference.sum(0), (difference**2).sum(0)])
-        self._stream.add(piece)
+                self._sums += [difference.sum(0), (difference**2).sum(0)]
 
     def faults(self) -> Iterator[str]:
         """Unreadable parts, one line each."""
         yield from self.of_log
         if self.counts.discarded or self.counts.check_failures:
             yield (
-                f"{self.counts.discarded} of {self.size} bytes are outside complete frames, and "
+                f"{self.counts.discarded} of {self.bytes} bytes are outside complete frames, and "
                 f"{counted(self.counts.check_failures, 'frame')} with a wrong check: left out"
             )
         if flagged := self.samples - self.good:
@@ -107,11 +97,12 @@ class FileContents:
 
     def losses(self) -> str:
         """A line on lost samples; empty if there is no counter."""
-        counter, found = self.protocol.counter, self._stream.numbers
-        if counter is None or found is None:
+        counter = self.protocol.counter
+        if counter is None or self.numbered is None:
             return ""
+        lost, gaps, replaced, _ = self.numbered
         wraps = f" (whole wraps of {counter.modulus} cannot be seen in a file)" if counter.modulus <= 65536 else ""
-        return f"lost by the counter: {found.lost} in {found.gaps} gaps, {found.replaced} replaced by other messages{wraps}"
+        return f"lost by the counter: {lost} in {gaps} gaps, {replaced} replaced by other messages{wraps}"
 
     def statistics(self) -> str:
         """Means and standard deviations of the good samples."""
@@ -151,48 +142,41 @@ def decode_file(
     if not start:
         raise InputError(f"{path}: the file is empty")
     how = protocol(name or guessed(path, start))
-    options = how.decoder_options(stated.columns, stated.unit, whole=True)
-    if ignored := [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and name not in options]:
+    if ignored := [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and not how.columns]:
         raise InputError(f"{path}: {how.title} states its columns itself; remove {' and '.join(ignored)}")
     if stated.range_g is not None and stated.range_g not in how.ranges_g:
         known = ", ".join(f"{r:g}" for r in how.ranges_g) or "none: its output is scaled already"
         raise InputError(f"--range-g {stated.range_g:g}: not a range of {how.name}; its ranges: {known}")
-    # The stream may state these late; then it is decoded again.
-    unknown = stated.range_g is None and how.range_from_stream
-    settings, rate_hz = None if unknown else how.settings(stated.range_g, stated.rate_hz), stated.rate_hz
-    columns = set[str]()
+    # The stream may state its settings late, and columns are known when they occur: then it is decoded again.
+    unknown, rate_hz = stated.range_g is None and how.range_from_stream, stated.rate_hz
+    given = how.settings(stated.range_g, rate_hz, stated.columns, stated.unit)
+    settings, columns = None if unknown else replace(given, whole=True), set[str]()
 
-    def decoded(contents: FileContents) -> Iterator[Decoded]:
-        decoder = how.decoder(settings, **options)
-        for data in pieces_of(path, contents.of_log):
-            contents.size += len(data)
-            yield decoder.feed(data)
-        yield decoder.finish()
+    def frame(table: dict[str, np.ndarray]) -> pl.DataFrame:
+        return pl.DataFrame({name: values for name, values in table.items() if name in columns})
 
-    def tables(contents: FileContents) -> Iterator[pl.DataFrame]:
-        nonlocal settings, rate_hz, columns
-        for piece in decoded(contents):
+    def frames(contents: FileContents) -> Iterator[pl.DataFrame]:
+        nonlocal settings, rate_hz
+        decoder = how.decoder(settings or UNKNOWN)
+        for data in chain(pieces_of(path, contents.of_log), [b""]):
+            contents.bytes += len(data)
+            piece = decoder.feed(data) if data else decoder.finish()
             for event in piece.events:
                 if settings is None and "range_g" in event.content:
                     settings, rate_hz = settings_of(event.content), event.content["rate_hz"] or rate_hz
                     raise _StatedLate
             table = table_of(piece.samples, rate_hz, contents.samples) if out else {}
             if len(piece.samples) and not known_columns(table) <= columns:
-                columns |= known_columns(table)
+                columns.update(known_columns(table))
                 raise _StatedLate
             contents.add(piece)
-            yield pl.DataFrame({name: values for name, values in table.items() if name in columns})
+            yield frame(table)
 
     while True:
         contents = FileContents(how, rate_hz)
-        try:
+        with suppress(_StatedLate):
             if out is not None and columns:
-                table = table_of(blank(0), rate_hz)
-                schema = pl.DataFrame({name: values for name, values in table.items() if name in columns}).schema
-                write_frames(out, tables(contents), schema)
+                write_frames(out, frames(contents), frame(table_of(blank(0), rate_hz)).schema)
             else:
-                for _ in tables(contents):
-                    pass
+                deque(frames(contents), 0)
             return contents
-        except _StatedLate:
-            continue

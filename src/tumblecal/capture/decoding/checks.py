@@ -2,7 +2,7 @@
 
 from binascii import crc_hqx
 from collections.abc import Callable
-from functools import cache, reduce
+from functools import reduce
 from operator import xor
 
 import numpy as np
@@ -12,37 +12,24 @@ from tumblecal.capture.decoding.samples import Bytes, Integers
 
 
 CRC32_MPEG2_POLYNOMIAL = 0x04C11DB7
+# Contribution of a byte value to the check, shape (256,).
+_CRC32 = np.arange(256, dtype=np.uint32) << 24
+for _ in range(8):
+    _CRC32 = _CRC32 << 1 ^ (_CRC32 >> 31) * np.uint32(CRC32_MPEG2_POLYNOMIAL)
 # Frames that remain in the processor's cache.
 _BLOCK = 16384
-
-
-@cache
-def _crc32_columns(length: int) -> tuple[NDArray[np.uint32], np.uint32]:
-    """Contribution of each byte value in each column of a message, shape (length, 256), and that of the initial register.
-
-    Cyclic checks are linear over GF(2): the check is the exclusive or of one entry a byte.
-    """
-    table = np.arange(256, dtype=np.uint32) << 24
-    for _ in range(8):
-        table = table << 1 ^ np.where(table >> 31, np.uint32(CRC32_MPEG2_POLYNOMIAL), np.uint32(0))
-    columns = np.tile(table, (length, 1)).astype(np.uint32)
-    for j in range(length - 1, 0, -1):
-        columns[j - 1] = columns[j] << 8 ^ table[columns[j] >> 24]
-    # An initial register of ones equals inverting the first four bytes.
-    return columns, np.uint32(np.bitwise_xor.reduce(columns[:4, 0xFF]))
 
 
 def crc32_mpeg2(rows: Bytes, padding: int = 0) -> NDArray[np.uint32]:
     """CRC-32/MPEG-2 of the rows of a (n, length) array, each followed by `padding` zero bytes that are not sent (STIM300).
 
-    Polynomial 0x04C11DB7, initial register all ones, not reflected, no final inversion; `length` is at least 4.
+    Polynomial 0x04C11DB7, initial register all ones, not reflected, no final inversion.
     """
-    columns, initial = _crc32_columns(rows.shape[1] + padding)
-    check = np.full(len(rows), initial)
+    check = np.full(len(rows), 0xFFFFFFFF, np.uint32)
     for first in range(0, len(rows), _BLOCK):
-        block = slice(first, first + _BLOCK)
-        for column, contribution in zip(rows[block].T, columns, strict=False):
-            check[block] ^= contribution.take(column.astype(np.intp), mode="wrap")
+        register = check[first : first + _BLOCK]
+        for column in [*rows[first : first + _BLOCK].T, *[0] * padding]:
+            register[:] = register << 8 ^ _CRC32.take(register >> 24 ^ column)
     return check
 
 

@@ -7,7 +7,6 @@ This module finds the frames, stores the unfinished tail, and counts the bytes o
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from itertools import compress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -55,10 +54,6 @@ class Frames:
     sizes: Callable[[Bytes, Integers], Integers]
     intact: Callable[[Bytes], Mask]
 
-    def begins(self, data: bytes) -> bool:
-        """Whether a frame may begin with these bytes."""
-        return len(data) >= len(self.sync) and all(map(bytes.__contains__, self.sync, data))
-
     def sizes_at(self, data: Bytes, places: Integers) -> Integers:
         """Size of the frame that may begin at each place: 0 for none; a frame that is cut off extends beyond the data."""
         sizes = np.full(len(places), self.header)
@@ -74,11 +69,6 @@ class Frames:
 Reading = Callable[[Bytes, Found, int, bool], tuple[Samples, list[Event]]]
 
 
-def places_of(data: Bytes, values: bytes) -> Integers:
-    """Places of bytes with one of these values."""
-    return np.flatnonzero(_members(values)[data])
-
-
 @cache
 def _members(values: bytes) -> Mask:
     return np.isin(np.arange(256), list(values))
@@ -91,10 +81,9 @@ def rows_of(data: Bytes, starts: Integers | slice, size: int) -> Bytes:
     )
 
 
-def column(data: Bytes, starts: Integers, at: int, kind: str, n: int = 1) -> NDArray:
-    """`n` numbers of numpy type `kind` at `starts + at`, shape (frames, n), or (frames,) for one."""
-    values = rows_of(data, starts + at, np.dtype(kind).itemsize * n).view(kind)
-    return values[:, 0] if n == 1 else values
+def column(data: Bytes, starts: Integers, at: int, kind: str) -> NDArray:
+    """The numbers of numpy type `kind` at `starts + at`, shape (n,)."""
+    return rows_of(data, starts + at, np.dtype(kind).itemsize).view(kind)[:, 0]
 
 
 def select(starts: Integers, sizes: Integers, good: Mask, length: int, final: bool) -> Found:
@@ -104,15 +93,12 @@ def select(starts: Integers, sizes: Integers, good: Mask, length: int, final: bo
     cannot be decided yet.
     """
     stops, kept, end = starts + sizes, list[int](), 0
-    considered = np.flatnonzero(good | ((stops > length) & (not final)))
-    for k, start, stop in zip(
-        *(each.tolist() for each in (considered, starts[considered], stops[considered])), strict=True
-    ):
-        if start >= end and stop > length:
-            return Found(starts[kept], sizes[kept], start)
-        if start >= end:
+    for k in np.flatnonzero(good | ((stops > length) & (not final))).tolist():
+        if starts[k] >= end and stops[k] > length:
+            return Found(starts[kept], sizes[kept], int(starts[k]))
+        if starts[k] >= end:
             kept.append(k)
-            end = stop
+            end = stops[k]
     return Found(starts[kept], sizes[kept], length)
 
 
@@ -136,7 +122,7 @@ def find(kinds: tuple[Frames, ...], data: Bytes, final: bool, between: bytes = b
     # After it, each place with the first byte of a frame is a candidate.
     candidates = list[tuple[NDArray, ...]]()
     for kind in kinds:
-        places = end + places_of(data[end:], kind.sync[0])
+        places = end + np.flatnonzero(_members(kind.sync[0])[data[end:]])
         sizes, good = kind.sizes_at(data, places), np.zeros(len(places), bool)
         whole = places + sizes <= len(data)
         for one in np.unique(sizes[(sizes > 0) & whole]).tolist():
@@ -164,43 +150,42 @@ class FrameDecoder:
         self._read, self._kinds, self._needed, self._between = read, kinds, lock_after, between
         # Whether the frame boundary is known: an 8-bit check alone is too weak.
         self._locked, self._seen_any = lock_after <= 1, False
-        # The unfinished bytes, their place in the stream, the end of the last frame from there, and the bytes after this end.
-        self._tail, self._offset, self._end, self._after = np.zeros(0, np.uint8), 0, 0, b""
+        # The undecided bytes, and their place in the stream.
+        self._tail, self._offset = np.zeros(0, np.uint8), 0
+        # The bytes outside frames just before them: how many, and the first ones.
+        self._gap, self._gap_head = 0, b""
         # The first event of each reason for which valid frames are not read: only this one is reported.
         self._refused = dict[str, Event]()
 
     def feed(self, data: bytes, final: bool = False) -> Decoded:
         """Decode what `data` completes."""
-        bytes_, between = np.concatenate([self._tail, np.frombuffer(data, np.uint8)]), len(self._between)
+        bytes_ = np.concatenate([self._tail, np.frombuffer(data, np.uint8)])
         found = find(self._kinds, bytes_, final, self._between)
-        if self._needed > 1:
-            found = self._believed(found, final)
+        starts, sizes, limit = found = self._believed(found, final) if self._needed > 1 else found
         # A correct check does not imply correct numbers: numbers that are not finite are flagged.
         with np.errstate(over="ignore", invalid="ignore"):
             samples, events = self._read(bytes_, found, self._offset, final)
-        counts = Counts(frames=len(samples), special=len(found.starts) - len(samples))
-        # Bytes before each frame, and at the end of the stream.
-        ends = np.append(self._end, found.starts + found.sizes)
-        gaps = np.append(found.starts, [len(bytes_)] * final) - ends[: len(found.starts) + final]
+        counts, count = Counts(frames=len(samples), special=len(starts) - len(samples)), len(starts)
+        # Bytes before each frame, and after the last one.
+        ends = np.append(-self._gap, starts + sizes)
+        gaps, head = np.append(starts, limit) - ends, self._gap_head
+        self._gap, self._gap_head = int(gaps[-1]), b""
         for k in np.flatnonzero(gaps).tolist():
-            after = bytes_[ends[k] : ends[k] + _HEAD].tobytes() if ends[k] >= 0 else self._after
-            if gaps[k] == between and after.startswith(self._between):
-                continue
-            counts.discarded += int(gaps[k])
-            if k < len(found.starts) and (self._seen_any or k):
-                counts.resyncs += 1
-                counts.check_failures += any(kind.begins(after) for kind in self._kinds)
-        self._seen_any |= len(found.starts) > 0
-        end, limit = int(ends[-1]), found.limit
-        if final:
-            end = limit = len(bytes_)
-        elif limit - end <= between:
-            limit = max(end, 0)
-        elif end >= 0:
-            self._after = bytes_[end : end + _HEAD].tobytes()
-        self._tail, self._offset, self._end = bytes_[limit:].copy(), self._offset + limit, end - limit
-        first = [e.kind != "refused" or self._refused.setdefault(e.content["text"], e) is e for e in events]
-        return Decoded(samples, list(compress(events, first)), counts)
+            first = (head * (k == 0) + bytes_[max(ends[k], 0) :][:_HEAD].tobytes())[:_HEAD]
+            if k == count and not final:
+                self._gap_head = first[: self._gap]
+            elif gaps[k] != len(self._between) or not first.startswith(self._between):
+                counts.discarded += int(gaps[k])
+                if k < count and (self._seen_any or k):
+                    counts.resyncs += 1
+                    counts.check_failures += any(
+                        len(first) >= len(kind.sync) and all(map(bytes.__contains__, kind.sync, first))
+                        for kind in self._kinds
+                    )
+        self._seen_any |= count > 0
+        self._tail, self._offset = bytes_[limit:].copy(), self._offset + limit
+        new = [e for e in events if e.kind != "refused" or self._refused.setdefault(e.content["text"], e) is e]
+        return Decoded(samples, new, counts)
 
     def finish(self) -> Decoded:
         """Decode the remaining bytes; incomplete frames become discarded bytes."""
@@ -209,7 +194,7 @@ class FrameDecoder:
     def _believed(self, found: Found, final: bool) -> Found:
         """Drop isolated frames while the frame boundary is unknown."""
         starts, sizes, limit = found
-        ends, keep, end = starts + sizes, np.zeros(len(starts), bool), self._end
+        ends, keep, end = starts + sizes, np.zeros(len(starts), bool), -self._gap
         edges = np.flatnonzero(starts[1:] != ends[:-1]) + 1
         for some in np.split(np.arange(len(starts)), edges) if len(starts) else ():
             first, last = some[0], some[-1]

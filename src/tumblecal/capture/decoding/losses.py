@@ -7,14 +7,18 @@ too few data follow, the gap is reported as unresolved instead of being guessed.
 the number of lost samples.
 """
 
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tumblecal.capture.decoding.frame_numbers import FrameNumbers, commonest_step
+from tumblecal.capture.decoding.frame_numbers import commonest_step, frame_numbers, window_of
 from tumblecal.capture.decoding.samples import Floats, Integers, Mask, Samples
 
+
+if TYPE_CHECKING:
+    from tumblecal.capture.protocols import Protocol
 
 # Time before and after a gap in which the lowest delay is searched, s.
 _WINDOW_S = 2.0
@@ -35,66 +39,45 @@ class Gap(NamedTuple):
     resolved: bool
 
 
-class Rates(NamedTuple):
-    """Samples a second in each half of a stretch, lost ones included, and the duration of a half, s."""
-
-    first_hz: float = np.nan
-    second_hz: float = np.nan
-    half_s: float = np.nan
-
-    @classmethod
-    def of(cls, number: Integers, time_s: Floats) -> "Rates":
-        """From the numbers of the samples that completed each stamp, and their times (n,); NaN for too few."""
-        if len(time_s) < 3 or not time_s[-1] > time_s[0]:
-            return cls()
-        middle = int(np.clip(np.searchsorted(time_s, (time_s[0] + time_s[-1]) / 2), 1, len(time_s) - 2))
-        first, second = np.diff(number[[0, middle, -1]]) / np.diff(time_s[[0, middle, -1]])
-        return cls(float(first), float(second), float(time_s[-1] - time_s[0]) / 2)
-
-    def words(self, wanted_hz: float) -> str:
-        """A warning if the rates differ from each other, or from the rate by which a dwell is counted; "" if they do not."""
-        near, mean = SAME_RATE + _LATE_STAMP_S / self.half_s, (self.first_hz + self.second_hz) / 2
-        if abs(self.second_hz / self.first_hz - 1) > near:
-            return f"the sample rate changed from {self.first_hz:.4g} to {self.second_hz:.4g} Hz"
-        if not abs(mean / wanted_hz - 1) > near:
-            return ""
-        slow = ": baud rate too low?" if mean < wanted_hz else ""
-        return f"the device sends {mean:.4g} samples a second, but {wanted_hz:.4g} are expected{slow}"
-
-
-_NO_RATES = Rates()
-
-
 @dataclass(frozen=True)
 class Losses:
     """Losses between the first and the last sample.
 
     **Arguments:**
 
-    - `lost`: samples lost, all gaps together (unresolved ones with their best guess).
-    - `unresolved`: number of gaps of uncertain size.
-    - `replaced`: samples that the device replaced by a reply.
-    - `duplicates`: samples that arrived before.
     - `gaps`: each gap.
-    - `rates`: sample rates by the clock of the device, or of the host.
+    - `replaced`: samples that the device replaced by a reply. `duplicates`: samples that arrived before.
+    - `rate_hz`: samples a second, lost ones included, by the clock of the device, or of the host; NaN for fewer than three
+      stamps. `span_s`: duration by this clock.
     - `counted`: False without a counter; `lost` is then an estimate from time.
     """
 
-    lost: int = 0
-    unresolved: int = 0
+    gaps: Sequence[Gap] = ()
     replaced: int = 0
     duplicates: int = 0
-    gaps: list[Gap] = field(default_factory=list)
-    rates: Rates = _NO_RATES
+    rate_hz: float = np.nan
+    span_s: float = np.nan
     counted: bool = True
 
     @property
-    def rate_hz(self) -> float:
-        """Sample rate, lost samples included; NaN for fewer than three stamps."""
-        return (self.rates.first_hz + self.rates.second_hz) / 2
+    def lost(self) -> int:
+        """Samples lost, all gaps together (unresolved ones with their best guess)."""
+        return sum(gap.lost for gap in self.gaps)
+
+    @property
+    def unresolved(self) -> int:
+        """Number of gaps of uncertain size."""
+        return sum(not gap.resolved for gap in self.gaps)
+
+    def rate_words(self, wanted_hz: float) -> str:
+        """A warning if the rate differs from that by which a dwell is counted; "" if it does not."""
+        if not abs(self.rate_hz / wanted_hz - 1) > SAME_RATE + 2 * _LATE_STAMP_S / self.span_s:
+            return ""
+        slow = ": baud rate too low?" if self.rate_hz < wanted_hz else ""
+        return f"the device sends {self.rate_hz:.4g} samples a second, but {wanted_hz:.4g} are expected{slow}"
 
     def by_device(self, clock: Floats, host_s: Floats) -> "Losses":
-        """With the rates by the device's clock (n,), if it shows them; `host_s`: stamp of each sample (n,).
+        """With the rate by the device's clock (n,), if it shows them; `host_s`: stamp of each sample (n,).
 
         The clock must rise from sample to sample, in a power of ten of seconds by the stamps.
         """
@@ -107,7 +90,17 @@ class Losses:
         number = np.arange(len(clock))
         for gap in self.gaps:
             number[gap.after + 1 :] += gap.lost
-        return replace(self, rates=Rates.of(number, clock / unit))
+        rate_hz, span_s = _rate(number, clock / unit)
+        return replace(self, rate_hz=rate_hz, span_s=span_s)
+
+
+def _rate(number: Integers, time_s: Floats) -> tuple[float, float]:
+    """Samples a second and duration from the numbers of the samples that completed each stamp, and their times (n,)."""
+    if len(time_s) < 3 or not time_s[-1] > time_s[0]:
+        return np.nan, np.nan
+    middle = int(np.clip(np.searchsorted(time_s, (time_s[0] + time_s[-1]) / 2), 1, len(time_s) - 2))
+    rates = np.diff(number[[0, middle, -1]]) / np.diff(time_s[[0, middle, -1]])
+    return float(rates.mean()), float(time_s[-1] - time_s[0])
 
 
 def _last_of_stamps(host_s: Floats) -> Integers:
@@ -169,7 +162,7 @@ def count_losses(
 ) -> Losses:
     """Count the samples lost between the first and the last.
 
-    A late sample fills its place, and a repeat is not an additional sample (`FrameNumbers`).
+    A late sample fills its place, and a repeat is not an additional sample (`frame_numbers`).
 
     **Arguments:**
 
@@ -181,8 +174,7 @@ def count_losses(
     if len(samples) < 2:
         return Losses()
     step = step or commonest_step(samples.counter, modulus)
-    frames = FrameNumbers(modulus, step)
-    number, ticks, repeated, restarted = frames.take(samples)
+    number, repeated, restarted = frame_numbers(samples, modulus, step)
     # The samples in the order of sending, without repeats; losses across a restart cannot be counted.
     order = np.argsort(number, kind="stable")
     order = order[~repeated[order]]
@@ -190,7 +182,7 @@ def count_losses(
     missing, sure = np.diff(sent) - 1, np.ones(len(sent) - 1, bool)
     sure[np.searchsorted(sent, number[restarted]) - 1] = False
     last, highest = _last_of_stamps(host_s), np.maximum.accumulate(number)
-    wraps, certain = _wraps(np.maximum.accumulate(ticks)[last], host_s[last], modulus)
+    wraps, certain = _wraps(highest[last] * step, host_s[last], modulus)
     for stamp in np.flatnonzero((wraps > 0) | ~certain):
         # The gap is between the last sample of the stamp before and the first with a different step.
         between = np.arange(last[stamp - 1], last[stamp])
@@ -203,18 +195,13 @@ def count_losses(
     # Replies: of the gap where they arrived, or one within the window.
     replaced, after = np.zeros_like(missing), order[:-1]
     for special in np.array(special_after, int):
-        free = (replaced < missing) & (np.abs(after - special) <= frames.window) & (special >= 0)
+        free = (replaced < missing) & (np.abs(after - special) <= window_of(modulus, step)) & (special >= 0)
         if free.any():
             replaced[np.argmin(np.where(free, np.abs(after - special), np.inf))] += 1
     lost = missing - replaced
-    return Losses(
-        lost=int(lost.sum()),
-        unresolved=int((~sure).sum()),
-        replaced=int(replaced.sum()),
-        duplicates=duplicates,
-        gaps=[Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)],
-        rates=Rates.of(highest[last] + np.cumsum(wraps) * modulus // step, host_s[last]),
-    )
+    gaps = [Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)]
+    rate = _rate(highest[last] + np.cumsum(wraps) * modulus // step, host_s[last])
+    return Losses(gaps, int(replaced.sum()), duplicates, *rate)
 
 
 def losses_from_time(host_s: Floats) -> Losses:
@@ -226,5 +213,22 @@ def losses_from_time(host_s: Floats) -> Losses:
     host_s, period = host_s[last], _slope(last, host_s[last], 1.0)
     lost, _ = _steps(host_s - last * period, host_s, period, _LATE_STAMP_S, 0.0)
     gaps = [Gap(int(last[stamp - 1]), int(lost[stamp]), False) for stamp in np.flatnonzero(lost)]
-    rates = Rates.of(last + np.cumsum(lost), host_s)
-    return Losses(int(lost.sum()), len(gaps), gaps=gaps, rates=rates, counted=False)
+    return Losses(gaps, 0, 0, *_rate(last + np.cumsum(lost), host_s), counted=False)
+
+
+def losses_of(
+    protocol: "Protocol",
+    samples: Samples,
+    host_s: Floats,
+    rate_hz: float | None,
+    attempt: range,
+    special_stops: list[int],
+) -> Losses:
+    """Losses among the samples of `attempt`, by the counter if there is one, otherwise by time; the others are context."""
+    counter, inside = protocol.counter, slice(attempt.start, attempt.stop)
+    if counter is None or not len(samples) or samples.counter[0] < 0:
+        return losses_from_time(host_s[inside]).by_device(samples.clock[inside], host_s[inside])
+    specials = np.searchsorted(samples.stop, np.array(special_stops, np.int64)) - 1
+    found = count_losses(samples, host_s, counter.modulus, counter.step(rate_hz), specials)
+    found = found.by_device(samples.clock, host_s)
+    return replace(found, gaps=[gap for gap in found.gaps if attempt.start <= gap.after < attempt.stop - 1])

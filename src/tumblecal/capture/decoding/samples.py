@@ -17,6 +17,10 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
+# Content of an event, of an entry of the journal, or of a datagram.
+Entry = dict[str, Any]
+
+
 class Status(IntFlag):
     """Status of one sample as the device states it; zero means good."""
 
@@ -79,25 +83,15 @@ def samples_of(rows: list[tuple]) -> Samples:
     return samples
 
 
-def content_of(samples: Samples) -> Floats:
-    """The contents of frames without their counter, shape (n, 8): frames with equal contents and counter are equal."""
-    return np.column_stack([samples.force, samples.rate, samples.temperature, samples.status])
-
-
-def is_known(force: Floats) -> Mask:
-    """Whether all components of the specific force (n, 3) are finite, shape (n,)."""
-    # By component: several times faster than by sample.
-    return np.logical_and.reduce([np.isfinite(component) for component in force.T])
-
-
 def usable(samples: Samples) -> Mask:
     """Whether samples have no status bit and a finite specific force, shape (n,)."""
-    return (samples.status == 0) & is_known(samples.force)
+    return (samples.status == 0) & (not_a_number(samples.force) == 0)
 
 
 def not_a_number(force: Floats) -> Bytes:
-    """The status of samples by their specific force alone."""
-    return ~is_known(force) * np.uint8(Status.NOT_A_NUMBER)
+    """The status of samples by their specific force (n, 3) alone, shape (n,)."""
+    # By component: several times faster than by sample.
+    return ~np.logical_and.reduce([np.isfinite(component) for component in force.T]) * np.uint8(Status.NOT_A_NUMBER)
 
 
 @dataclass(frozen=True)
@@ -114,7 +108,7 @@ class Event:
 
     stop: int
     kind: str
-    content: dict[str, Any]
+    content: Entry
 
     def __post_init__(self) -> None:
         # A device may send any text, and all of it is shown and recorded.
@@ -183,7 +177,7 @@ class Stated:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a device that are needed to scale its output and are not in the samples.
+    """Settings of a device that are needed to read its output and are not in the samples.
 
     **Arguments:**
 
@@ -191,9 +185,17 @@ class Settings:
     - `output`: "acceleration" (g or m/s^2), "increment" (velocity a sample), "average" or "integrated".
     - `rate_hz`: configured sample rate; None if the stream must state it.
     - `temperatures`: whether a virtual STIM300 sends temperatures.
+    - `columns`, `unit`: for lines of text, quantity of each column, and unit of the specific force; empty: of a header line.
+    - `whole`: the stream is complete from its first byte (a file); a port opens within a line or frame.
     """
 
     range_g: tuple[float, float, float] | None = None
     output: str = "acceleration"
     rate_hz: float | None = None
     temperatures: bool = False
+    columns: str = ""
+    unit: str = ""
+    whole: bool = False
+
+
+UNKNOWN = Settings()

@@ -33,7 +33,7 @@ def guesses(data: bytes) -> list[Guess]:
     """
     found = list[Guess]()
     for name, how in protocols().items():
-        counts = decode_all(how.decoder(None), data).counts
+        counts = decode_all(how.decoder(), data).counts
         # An unfinished frame at either end is no evidence against a protocol.
         wrong = max(0, counts.discarded - min(128, len(data) // 4))
         explained = 1 - wrong / max(len(data), 1) if counts.frames + counts.special else 0.0
@@ -56,33 +56,23 @@ def guessed(path: Path, data: bytes) -> str:
     return best.name
 
 
-def _text_line(data: bytes) -> str:
-    """A complete line of the data if they are text, otherwise ""."""
-    printable = len(re.findall(rb"[\x09\x0a\x0d\x20-\x7e]", data)) / max(len(data), 1)
-    lines = data.split(b"\n")
-    return lines[len(lines) // 2][:60].decode("ascii", "replace").strip() if printable > 0.95 else ""
-
-
-def described(data: bytes, wanted: str | None = None) -> str:
+def described(data: bytes, wanted: str) -> str:
     """One line for the operator on bytes that the expected protocol cannot read."""
     best = guesses(data)[0]
     if best.explained >= ENOUGH and best.name == wanted:
-        events = decode_all(protocols()[best.name].decoder(None), data).events
-        refused = next((e.content["text"] for e in events if e.kind == "refused"), None)
-        return refused or f"the device sends {wanted} without a specific force: enable it in the device"
+        events = decode_all(protocols()[wanted].decoder(), data).events
+        refused = (event.content["text"] for event in events if event.kind == "refused")
+        return next(refused, f"the device sends {wanted} without a specific force: enable it in the device")
     if best.explained >= ENOUGH:
         return f'the device sends {best.name}, not {wanted}; set port.protocol = "{best.name}" in the plan'
-    if line := _text_line(data):
-        return f"text without a specific force arrives, e.g. {line!r}: a different device, or it waits for a command"
-    if best.explained > 0.3:
-        return f"only {best.explained:.0%} of the bytes are correct {best.name} frames: bad cable, or a wrong baud rate"
-    return (
-        f"{len(data)} bytes arrived and no protocol fits them; check the baud rate (usual ones: `tumblecal sniff PORT`)"
-    )
+    share = f"{best.explained:.0%} of the bytes are correct {best.name} frames" if best.explained > 0.3 else ""
+    return f"{share or unknown_words(data)}: a different device, a bad cable, or a wrong baud rate (`tumblecal sniff PORT`)"
 
 
 def unknown_words(data: bytes) -> str:
     """Description of bytes that no protocol and no format fits."""
-    if line := _text_line(data[:_LOOKED_AT]):
-        return f"text without three numbers a line, e.g. {line!r}"
+    data = data[:_LOOKED_AT]
+    if len(re.findall(rb"[\x09\x0a\x0d\x20-\x7e]", data)) > 0.95 * len(data):
+        lines = data.split(b"\n")
+        return f"text without three numbers a line, e.g. {lines[len(lines) // 2][:60].decode('ascii', 'replace').strip()!r}"
     return f"{len(data)} bytes of another format or of compressed data, or a wrong baud rate"

@@ -1,15 +1,12 @@
-"""The virtual device: samples at the device's clock, encoded, with a ledger of the true events."""
+"""The virtual device on a dividing head in a chamber: its samples, encoded, and a ledger of the true events."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.samples import Samples, Settings, Status, blank
-from tumblecal.capture.emulator.climate import Climate
+from tumblecal.capture.decoding.samples import Floats, Samples, Status, blank
 from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.head import DividingHead
 from tumblecal.capture.protocols import protocol
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
@@ -18,10 +15,12 @@ from tumblecal.noise.sampling import SampleStream
 
 # Interval of time, and of temperature, at which the true output at rest is recomputed, for effects that drift.
 _REFRESH_S, _REFRESH_DEGC = 5.0, 0.05
-_ON_TIME_S, _BLOCK_S = 1.0, 0.1
+_ON_TIME_S, _BLOCK_S, _SHAKING_S = 1.0, 0.1, 0.5
+# A smaller lag is none, s.
+_LEAST_LAG_S = 1e-9
 
 # Readings in local g at (alpha_deg, beta_deg, time_s, temperature_degc): shape (3,).
-TruthFunction = Callable[[float, float, float, float], NDArray[np.float64]]
+TruthFunction = Callable[[float, float, float, float], Floats]
 
 
 @dataclass
@@ -58,29 +57,37 @@ class Ledger:
         )
 
 
-def ideal(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float) -> NDArray[np.float64]:
+def ideal(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float) -> Floats:
     """An instrument without errors on a head without errors."""
     return gravity_in_head(np.radians(alpha_deg), np.radians(beta_deg))
 
 
 class VirtualDevice:
-    """A device on a dividing head.
+    """A device on a dividing head, turned by hand (it moves for a while, shakes and comes to rest), in a chamber.
+
+    The air of the chamber follows its set point with a limited rate. The die follows the air plus self-heating, and the
+    thermometer follows the die, each with a first-order lag: dT/dt = (input - T) / lag.
 
     **Arguments:**
 
     - `config`: its description.
     - `truth`: its output at rest; by default that of an ideal instrument.
 
-    `plugged`: whether its bytes reach the other end of the cable.
+    `plugged`: whether its bytes reach the other end of the cable. `air_degc`, `die_degc`, `thermometer_degc`: true temperature
+    of the air and of the die, and reading of the thermometer; `set_point_degc`: of the chamber.
     """
 
     def __init__(self, config: Emulation, truth: TruthFunction = ideal):
         self.config, self.rate_hz, self._truth = config, config.instrument.rate_hz, truth
         self.protocol = protocol(config.instrument.protocol)
-        self.settings = Settings(rate_hz=self.rate_hz, temperatures=config.sends_temperatures)
-        if self.protocol.ranges_g:
-            self.settings = self.protocol.with_range(self.settings, config.instrument.range_g)
-        self.head, self.climate, self.ledger, self.plugged = DividingHead(config.head), Climate(config), Ledger(), True
+        settings = self.protocol.settings(config.instrument.range_g if self.protocol.ranges_g else None, self.rate_hz)
+        self.settings = replace(settings, temperatures=config.sends_temperatures)
+        self.ledger, self.plugged = Ledger(), True
+        self.air_degc = self.set_point_degc = config.instrument.temperature_degc
+        self.die_degc = self.thermometer_degc = self.air_degc + config.temperature.self_heating_degc
+        # Angles before and after the last turn, alpha and beta, its beginning, and the end of the shaking.
+        self._before = self._after = np.array([config.head.alpha_deg, config.head.beta_deg])
+        self._turn_s, self._shaken_until_s = -np.inf, 0.0
         self._noise = SampleStream(config.noise.model, 1 / self.rate_hz, config.noise.seed)
         self._random = np.random.default_rng([config.noise.seed, 1])
         self._starting_until_s, self._first = config.instrument.start_up_s, 0
@@ -99,6 +106,24 @@ class VirtualDevice:
         self._first = self.ledger.generated
         self._starting_until_s = self.time_s + self.config.instrument.start_up_s
         self.command(b"N\rI\rC\r")
+
+    def turn(self, alpha_deg: float, beta_deg: float) -> None:
+        """Begin to turn the head to a position."""
+        self._before, self._after, self._turn_s = self.angles(), np.array([alpha_deg, beta_deg]), self.time_s
+        self._shaken_until_s = self.time_s + self.config.head.turn_s + _SHAKING_S
+
+    def knock(self) -> None:
+        """Bump against the table."""
+        self._shaken_until_s = max(self._shaken_until_s, self.time_s + _SHAKING_S)
+
+    def angles(self, now_s: float | None = None) -> Floats:
+        """Spindle and pitch angle, deg, shape (2,); by default now."""
+        part = self._turned(self.time_s if now_s is None else now_s)
+        return self._before + (self._after - self._before) * part * part * (3 - 2 * part)
+
+    def set_temperature(self, degc: float) -> None:
+        """Request a temperature within the limits of the chamber."""
+        self.set_point_degc = float(np.clip(degc, self.config.chamber.lowest_degc, self.config.chamber.highest_degc))
 
     def command(self, data: bytes) -> None:
         """Receive commands; the replies are sent instead of the next samples."""
@@ -122,27 +147,46 @@ class VirtualDevice:
         number = self.ledger.generated + np.arange(n)
         times = number / self.rate_hz
         middle = float(times[n // 2])
-        self.climate.advance(n / self.rate_hz)
+        self._warm(n / self.rate_hz)
+        knock_g = config.head.knock_g * (times < self._shaken_until_s)[:, None]
         force = self._at_rest(middle) * (config.site.gravity.value_ms2 / STANDARD_GRAVITY_MS2)
-        force = force + (self._noise.take(n) + self.head.shaking(times, random))
-        rate = random.normal(size=(n, 3)) * config.noise.gyro_sd_dps + self.head.rates(middle)
-        temperature = self.climate.thermometer_degc + config.temperature.thermometer_noise_degc * random.normal(size=n)
+        force = force + (self._noise.take(n) + random.normal(size=(n, 3)) * knock_g)
+        # The spindle turns about x, the pitch axis follows.
+        part, turned = self._turned(middle), np.radians(self.angles(middle)[0])
+        alpha, beta = (self._after - self._before) * 6 * part * (1 - part) / config.head.turn_s
+        rate = random.normal(size=(n, 3)) * config.noise.gyro_sd_dps
+        rate += [alpha, beta * np.cos(turned), -beta * np.sin(turned)]
+        temperature = self.thermometer_degc + config.temperature.thermometer_noise_degc * random.normal(size=n)
         overloaded = random.random(n) < config.faults.overloads_per_s / self.rate_hz
         self.ledger.overloads += int(overloaded.sum())
         ticks_per_s = (counter.ticks_per_s if counter else None) or self.rate_hz
         ticked = np.rint((number - self._first) * (ticks_per_s / self.rate_hz)).astype(np.int64)
-        status = Status.STARTING * (times < self._starting_until_s) + Status.OVERLOAD * overloaded
         samples = blank(n)
         samples.force[:] = np.where(overloaded[:, None], config.instrument.range_g, force)
-        samples.rate[:], samples.temperature[:], samples.status[:] = rate, temperature, status
+        samples.rate[:], samples.temperature[:] = rate, temperature
+        samples.status[:] = Status.STARTING * (times < self._starting_until_s) + Status.OVERLOAD * overloaded
         samples.counter[:] = ticked % counter.modulus if counter else ticked
         return samples
 
-    def _at_rest(self, now_s: float) -> NDArray[np.float64]:
+    def _turned(self, now_s: float) -> float:
+        """The part of the duration of the turn that has passed, 0 to 1."""
+        return float(np.clip((now_s - self._turn_s) / self.config.head.turn_s, 0, 1))
+
+    def _warm(self, seconds: float) -> None:
+        """Let time pass in the chamber, in steps that are short compared with the lags."""
+        thermal, air, die = self.config.temperature, self.air_degc, self.die_degc
+        lags_s = np.maximum([thermal.die_lag_s, thermal.thermometer_lag_s], _LEAST_LAG_S)
+        of_die, of_thermometer = (-np.expm1(-seconds / lags_s)).tolist()
+        step = self.config.chamber.ramp_degc_per_min / 60 * seconds
+        self.air_degc += float(np.clip(self.set_point_degc - air, -step, step))
+        self.die_degc += ((air + self.air_degc) / 2 + thermal.self_heating_degc - die) * of_die
+        self.thermometer_degc += ((die + self.die_degc) / 2 - self.thermometer_degc) * of_thermometer
+
+    def _at_rest(self, now_s: float) -> Floats:
         """The true output, recomputed when the head moves, every few seconds, and with the temperature (effects that drift)."""
         # A late emulator makes its samples when they are read: drifts have continued meanwhile.
-        alpha, beta = self.head.angles(now_s).tolist()
-        drifted_s, degc = now_s + self.ledger.behind_s, self.climate.die_degc
+        alpha, beta = self.angles(now_s).tolist()
+        drifted_s, degc = now_s + self.ledger.behind_s, self.die_degc
         key = alpha, beta, int(drifted_s / _REFRESH_S), round(degc / _REFRESH_DEGC)
         if key != self._key:
             self._key, self._known = key, np.asarray(self._truth(alpha, beta, drifted_s, degc), float)

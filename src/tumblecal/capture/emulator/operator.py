@@ -1,14 +1,14 @@
 """Operators of the virtual head: typed commands, or an operator who follows the prompts in a capture's journal."""
 
-import contextlib
 import math
 import os
 import select
 import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-from tumblecal.capture.chamber.soak import OPERATOR
+from tumblecal.capture.capture_plan import OPERATOR
+from tumblecal.capture.decoding.samples import Entry
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import JOURNAL_NAME
@@ -29,7 +29,7 @@ class Typist:
     def __call__(self, device: VirtualDevice) -> bool:
         """Execute the commands typed since the last call; False to end."""
         if select.select([sys.stdin], [], [], 0)[0]:
-            with contextlib.suppress(OSError):  # the terminal is closed
+            with suppress(OSError):  # the terminal is closed
                 self._text += os.read(sys.stdin.fileno(), 4096).decode(errors="replace")
         *lines, self._text = self._text.split("\n")
         for words in filter(None, map(str.split, lines)):
@@ -38,15 +38,15 @@ class Typist:
                     case ["quit" | "q"]:
                         return False
                     case ["knock"]:
-                        device.head.knock(device.time_s)
+                        device.knock()
                     case ["restart"]:
                         device.restart()
                     case ["chamber", degc]:
-                        device.climate.set_temperature(float(degc))
-                        print(f"chamber set to {device.climate.set_point_degc:g} degC", flush=True)
+                        device.set_temperature(float(degc))
+                        print(f"chamber set to {device.set_point_degc:g} degC", flush=True)
                     case _:
                         alpha, beta = map(float, words)
-                        device.head.turn(alpha, beta, device.time_s)
+                        device.turn(alpha, beta)
                         print(f"turning to alpha {alpha:g}, beta {beta:g}", flush=True)
             except ValueError:
                 print("type ALPHA BETA (degrees), chamber DEGC, knock, restart or quit", flush=True)
@@ -74,22 +74,22 @@ class Follower:
     def __call__(self, device: VirtualDevice) -> bool:
         """Execute the due actions; False when the capture has finished."""
         # The folder of a failed capture may be deleted and created again.
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             if self._reader is None or not os.path.samestat(os.stat(self._path), self._reader.stat()):
-                self.close()
+                if self._reader is not None:
+                    self._reader.close()
                 self._reader = LogReader(self._path)
-        now_s = device.time_s
         for record in self._reader.records() if self._reader is not None else ():
             entry = record.content()
             if entry["entry"] == "finished":
                 return False
             self._hear(entry, device)
-        if now_s >= self._turn_s:
-            device.head.turn(*self._goal, now_s)
-            self._turn_s = now_s + _PATIENCE_S
+        if device.time_s >= self._turn_s:
+            device.turn(*self._goal)
+            self._turn_s = device.time_s + _PATIENCE_S
         return True
 
-    def _hear(self, entry: dict[str, Any], device: VirtualDevice) -> None:
+    def _hear(self, entry: Entry, device: VirtualDevice) -> None:
         """React to an entry of the journal."""
         due_s = device.time_s + self._reaction_s
         match entry["entry"]:
@@ -102,15 +102,8 @@ class Follower:
                 self._target = self._goal = alpha, beta = entry["alpha_deg"], entry["beta_deg"]
                 if mistake := self._mistakes.get(self._prompts):
                     self._goal = alpha + mistake.alpha_offset_deg, beta + mistake.beta_offset_deg
-                there = tuple(device.head.angles(device.time_s)) == self._goal
-                self._turn_s = math.inf if there else due_s
+                self._turn_s = math.inf if tuple(device.angles()) == self._goal else due_s
             case "wrong_position":
                 self._goal, self._turn_s = self._target, due_s
             case "soak" if entry["chamber"] == OPERATOR:
-                device.climate.set_temperature(entry["requested_degc"])
-
-    def close(self) -> None:
-        """Close the journal."""
-        if self._reader is not None:
-            self._reader.close()
-            self._reader = None
+                device.set_temperature(entry["requested_degc"])

@@ -1,19 +1,114 @@
-"""The stream for the guide: new samples with their stamps and places in the log, and all faults."""
+"""The guide's side of the recorder: starts the process, follows its log, and decodes the stream."""
 
-from collections import Counter
-from dataclasses import dataclass, field
-from typing import Any
+import os
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.decoding.frame_numbers import CountedStream
-from tumblecal.capture.decoding.samples import Counts, Event, Floats, Integers, Samples, Settings, Status, joined
-from tumblecal.capture.log import Record, RecordKind
-from tumblecal.capture.port.recording import Recording
+from tumblecal.capture.decoding.samples import Entry, Event, Floats, Integers, Samples, Settings, joined
+from tumblecal.capture.decoding.tally import Tally
+from tumblecal.capture.log import LogReader, Record, RecordKind
+from tumblecal.capture.port.recorder import FAILED
 from tumblecal.capture.protocols import Protocol
+from tumblecal.ground.errors import InputError
 
 
+_START_S, _STOP_S = 10.0, 5.0
 _RECENT_BYTES = 65536
+
+
+class Recording:
+    """A running recorder, which is started again if it dies.
+
+    **Arguments:**
+
+    - `log`: the raw log; followed from its end.
+    - `url`, `baud`: the port, and its speed in bits per second.
+
+    `pid`: process number of the recorder. `restarts`: number of times that it was started again.
+
+    **Raises:** `InputError` if the port or the log cannot be opened.
+    """
+
+    def __init__(self, log: Path, url: str, baud: int):
+        self.log, self._url, self.baud, self.restarts = log, url, baud, 0
+        # The log exists before the recorder begins, and is followed from its present end.
+        try:
+            log.touch()
+            self._reader = LogReader(log, log.stat().st_size)
+        except OSError as error:
+            raise InputError(f"{log}: cannot be written ({error.strerror})") from error
+        try:
+            self._launch()
+        except InputError:
+            self._reader.close()
+            raise
+
+    @property
+    def position(self) -> int:
+        """Place in the log up to which records were read."""
+        return self._reader.position
+
+    def _launch(self) -> None:
+        command = [sys.executable, "-m", "tumblecal.capture.port.recorder", str(self.log), self._url, str(self.baud)]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, start_new_session=True)
+        self.pid, deadline = self._process.pid, time.monotonic() + _START_S
+        self._first = list[Record]()
+        while time.monotonic() < deadline and self._process.poll() is None:
+            self._first += self._reader.records()
+            if any(record.kind == RecordKind.EVENT and record.content()["event"] == "opened" for record in self._first):
+                return
+            time.sleep(0.01)
+        words = f"{self.log}: the recorder did not start; check whether {sys.executable} can run"
+        raise InputError(self._end() or words)
+
+    def poll(self) -> list[Record]:
+        """New records; restarts the recorder if it died.
+
+        **Raises:** `InputError` if the disk is full or failed, or the port cannot be reopened.
+        """
+        code = self._process.poll()
+        records, self._first = [*self._first, *self._reader.records()], []
+        if code == FAILED:
+            raise InputError(self._end() or f"{self.log}: the recorder ended with code {code}")
+        if code is not None:
+            self.restarts += 1
+            self._end()
+            self._launch()
+        return records
+
+    def sync(self) -> None:
+        """Write the data read from the log to the disk: a position may be accepted only after this.
+
+        **Raises:** `InputError` if the disk fails.
+        """
+        self._reader.sync()
+
+    def send(self, data: bytes) -> None:
+        """Have the recorder write a command to the device."""
+        with suppress(OSError, ValueError):
+            os.write(self._process.stdin.fileno(), data.hex().encode() + b"\n")  # type: ignore[union-attr]
+
+    def stop(self) -> list[Record]:
+        """End the recorder cleanly and return the last records."""
+        self._end()
+        records = list(self._reader.records())
+        self._reader.close()
+        return records
+
+    def _end(self) -> str:
+        """End the process; returns the reason for which it ended by itself, or an empty text."""
+        try:
+            return self._process.communicate(timeout=_STOP_S)[0].strip()
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.communicate()[0].strip()
 
 
 @dataclass(frozen=True)
@@ -25,35 +120,7 @@ class Arrived:
     log_start: Integers
     log_stop: Integers
     events: list[Event]
-    notices: list[dict[str, Any]]
-
-
-@dataclass
-class Tally:
-    """The live counts, all of them shown."""
-
-    counts: Counts = field(default_factory=Counts)
-    lost_at_least: int = 0
-    duplicates: int = 0
-    status: Counter[str] = field(default_factory=Counter)
-    reopened: int = 0
-    silences: int = 0
-    device_restarts: int = 0
-    longest_gap_s: float = 0.0
-    bytes: int = 0
-
-    def line(self) -> str:
-        """The counts as text for the screen."""
-        c, flags = self.counts, "".join(f", {name} {n}" for name, n in self.status.items())
-        return (
-            f"frames {c.frames}, bad checks {c.check_failures}, resyncs {c.resyncs}, "
-            f"discarded bytes {c.discarded}, lost >= {self.lost_at_least}, reopened {self.reopened}{flags}"
-        )
-
-    def as_dict(self) -> dict[str, Any]:
-        """The counts for the journal."""
-        counts = {name: value for name, value in vars(self).items() if name != "counts"}
-        return vars(self.counts) | counts | {"longest_gap_s": round(self.longest_gap_s, 3)}
+    notices: list[Entry]
 
 
 class LiveStream:
@@ -63,59 +130,36 @@ class LiveStream:
 
     - `recording`: the running recorder.
     - `protocol`: protocol of the device.
-    - `settings`: range and rate, if the stream does not state them.
-    - `options`: further arguments of the decoder.
+    - `settings`: range, rate and columns, as far as the stream does not state them.
+
+    `tally`: all counts. `recent`: the last bytes.
     """
 
-    def __init__(self, recording: Recording, protocol: Protocol, settings: Settings | None, options: dict[str, Any]):
+    def __init__(self, recording: Recording, protocol: Protocol, settings: Settings):
         self.recording, self.protocol = recording, protocol
-        self._decoder, self._stream = protocol.decoder(settings, **options), CountedStream(protocol.counter)
-        self.tally, self.recent = Tally(), b""
+        self._decoder, self.tally, self.recent = protocol.decoder(settings), Tally(protocol.counter), b""
         # End in the stream, place in the log and stamp of the records whose samples are not complete.
         self._records = list[tuple[int, int, int, float]]()
-        self._last_stamp_s: float | None = None
 
     def poll(self) -> Arrived:
         """The samples since the last call."""
-        return self._arrived(self.recording.poll())
-
-    def stop(self) -> Arrived:
-        """End the recorder and return the remaining samples."""
-        return self._arrived(self.recording.stop())
-
-    def _arrived(self, records: list[Record]) -> Arrived:
-        tally, raw, notices = self.tally, b"", list[dict[str, Any]]()
-        for record in records:
+        tally, raw, notices = self.tally, b"", list[Entry]()
+        for record in self.recording.poll():
             if record.kind == RecordKind.EVENT:
                 notices.append(record.content())
                 tally.reopened += notices[-1]["event"] == "reopened"
-                tally.silences += notices[-1]["event"] == "silence"
-                continue
-            stamp_s = record.stamp_ns * 1e-9
-            raw += record.payload
-            tally.bytes += len(record.payload)
-            self._records.append((tally.bytes, record.offset, record.stop, stamp_s))
-            tally.longest_gap_s = max(tally.longest_gap_s, stamp_s - (self._last_stamp_s or stamp_s))
-            self._last_stamp_s = stamp_s
+            else:
+                raw += record.payload
+                tally.bytes += len(record.payload)
+                self._records.append((tally.bytes, record.offset, record.stop, record.stamp_ns * 1e-9))
         self.recent = (self.recent + raw)[-_RECENT_BYTES:]
         decoded = self._decoder.feed(raw)
-        samples = decoded.samples
-        tally.counts.add(decoded.counts)
-        for flag in Status:
-            if hits := int(np.count_nonzero(samples.status & flag)):
-                tally.status[str(flag.name).lower()] += hits
-        self._stream.add(decoded)
-        if numbers := self._stream.numbers:
-            tally.lost_at_least, tally.duplicates, tally.device_restarts = (
-                numbers.lost,
-                numbers.repeats,
-                numbers.restarts,
-            )
+        tally.add(decoded)
         ends, start, stop, stamp_s = np.array(self._records or np.zeros((0, 4))).T
-        which = np.searchsorted(ends, samples.stop)
+        which = np.searchsorted(ends, decoded.samples.stop)
         self._records = self._records[which[-1] if len(which) else 0 :]
         places = start[which].astype(int), stop[which].astype(int)
-        return Arrived(samples, stamp_s[which], *places, decoded.events, notices)
+        return Arrived(decoded.samples, stamp_s[which], *places, decoded.events, notices)
 
 
 def collected(parts: list[Arrived]) -> tuple[Samples, Floats]:

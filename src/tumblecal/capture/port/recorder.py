@@ -1,12 +1,11 @@
 """The recorder: its own small process between the port and the raw log.
 
 It stamps the bytes that it reads and appends them to the log; other processes read them from there. It has no protocol, so
-decoding, plotting and estimation cannot stall it. Commands are JSON lines on its input; it reports on its output how much
-is safely on the disk. When its input ends (the guide was killed), it finishes cleanly.
+decoding, plotting and estimation cannot stall it. Its input has commands to the device, a line of hexadecimal digits each; when
+the input ends (also because the guide was killed), it finishes cleanly. Its output is the reason for which it ended by itself.
 """
 
 import contextlib
-import json
 import os
 import signal
 import sys
@@ -18,14 +17,9 @@ from tumblecal.capture.port.transport import Port, available
 from tumblecal.ground.errors import InputError
 
 
-POLL_S = 0.01
-_SYNC_S = 1.0
-_ANCHOR_S = 60.0
-_SILENCE_S = 1.0
-_CLOCK_JUMP_S = 0.5
-_REOPEN_S, _OTHER_DEVICE_S = 0.1, 2.0
-_PREDECESSOR_S = 5.0
 FAILED = 2
+_POLL_S, _SYNC_S, _ANCHOR_S, _SILENCE_S, _CLOCK_JUMP_S = 0.01, 1.0, 60.0, 1.0, 0.5
+_REOPEN_S, _OTHER_DEVICE_S, _PREDECESSOR_S = 0.1, 2.0, 5.0
 
 
 def clocks() -> dict[str, int]:
@@ -37,14 +31,8 @@ def clocks() -> dict[str, int]:
     }
 
 
-def tell(**content: object) -> None:
-    """Write one JSON line to the parent process, which may have ended."""
-    with contextlib.suppress(OSError):
-        os.write(1, (json.dumps(content) + "\n").encode())
-
-
 class Recorder:
-    """Records a port into a log until it receives a stop command.
+    """Records a port into a log until its input ends, or a signal comes.
 
     **Arguments:**
 
@@ -60,7 +48,6 @@ class Recorder:
         self._port: Port | None = Port(url, baud)
         self._identity = self._port.identity
         self.event("opened", identity=vars(self._identity))
-        tell(opened=url)
         self._last_byte_s = self._lost_at_s = self._next_try_s = time.monotonic()
         self._silent = self._ending = False
         self._commands = b""
@@ -70,23 +57,21 @@ class Recorder:
         self._log.append_json(RecordKind.EVENT, {"event": what, **content}, time.monotonic_ns())
 
     def run(self) -> None:
-        """Record until the input ends or contains the stop command."""
+        """Record until the end."""
         next_sync = time.monotonic()
         while self._obey():
             self._take()
             if time.monotonic() >= next_sync:
                 self._log.sync()
                 self._log.check()
-                tell(synced=self._log.position)
                 next_sync = time.monotonic() + _SYNC_S
                 self._watch_clocks()
-            time.sleep(POLL_S)
+            time.sleep(_POLL_S)
         self._take()
         self.event("stopped", **clocks())
         if self._port:
             # The port is closed before the log is released: the next process with the log finds the port free.
             self._port.close()
-        tell(synced=self._log.position)
 
     def end(self, *_: object) -> None:
         """Finish cleanly (a signal handler)."""
@@ -102,12 +87,12 @@ class Recorder:
             self._lose(self._port, str(error))
             return
         stamp_ns = time.monotonic_ns()
-        now, silent_s = stamp_ns * 1e-9, stamp_ns * 1e-9 - self._last_byte_s
+        silent_s = stamp_ns * 1e-9 - self._last_byte_s
         if data:
             self._log.append(RecordKind.BYTES, data, stamp_ns)
             if self._silent:
                 self.event("data_again", after_s=silent_s)
-            self._last_byte_s, self._silent = now, False
+            self._last_byte_s, self._silent = stamp_ns * 1e-9, False
         elif not self._silent and silent_s > _SILENCE_S:
             self._silent = True
             self.event("silence", since_s=_SILENCE_S)
@@ -129,33 +114,28 @@ class Recorder:
             port = Port(next((unit.url for unit in units if self._identity.same_unit(unit)), self._url), self._baud)
         except InputError:
             return
-        if not self._identity.same_unit(port.identity):
+        if self._identity.same_unit(port.identity):
+            self._port, self._last_byte_s = port, now
+            self.event("reopened", gap_s=now - self._lost_at_s, identity=vars(port.identity))
+        else:
             port.close()
             self.event("other_device", identity=vars(port.identity))
             self._next_try_s = now + _OTHER_DEVICE_S
-            return
-        self._port, self._last_byte_s = port, now
-        self.event("reopened", gap_s=now - self._lost_at_s, identity=vars(port.identity))
 
     def _obey(self) -> bool:
-        """Execute commands of the parent; False after a stop command, the end of the parent, or a signal."""
+        """Send commands of the parent to the device; False after the end of the input, or a signal."""
         with contextlib.suppress(BlockingIOError):
             data = os.read(0, 65536)
             self._ending |= not data
             *lines, self._commands = (self._commands + data).split(b"\n")
-            for command in map(json.loads, lines):
-                self._ending |= "stop" in command
-                if "send" in command and self._port:
-                    self._send(self._port, command["send"])
+            for line in lines:
+                if port := self._port:
+                    try:
+                        port.write(bytes.fromhex(line.decode()))
+                        self.event("sent", data=line.decode())
+                    except OSError as error:
+                        self._lose(port, str(error))
         return not self._ending
-
-    def _send(self, port: Port, data: str) -> None:
-        try:
-            port.write(bytes.fromhex(data))
-        except OSError as error:
-            self._lose(port, str(error))
-        else:
-            self.event("sent", data=data)
 
     def _watch_clocks(self) -> None:
         now = clocks()
@@ -173,24 +153,20 @@ class Recorder:
 
 
 def main(path: str, url: str, baud: str) -> int:
-    """Record `url` into the log `path`; the parent is sent the reason for an early end."""
-    # The guide handles Ctrl-C and a closed terminal: it sends the stop command.
+    """Record `url` into the log `path`; the parent reads the reason for an early end."""
+    # The guide handles Ctrl-C and a closed terminal: it ends the input.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     os.set_blocking(0, False)
-    log = None
     try:
-        log = LogWriter(Path(path), _PREDECESSOR_S)
-        recorder = Recorder(log, url, int(baud))
-        signal.signal(signal.SIGTERM, recorder.end)
-        recorder.run()
-        log.close()
+        with contextlib.closing(LogWriter(Path(path), _PREDECESSOR_S)) as log:
+            recorder = Recorder(log, url, int(baud))
+            signal.signal(signal.SIGTERM, recorder.end)
+            recorder.run()
         return 0
     except InputError as error:
-        if log:
-            with contextlib.suppress(InputError):
-                log.sync()
-        tell(error=error.faults[0])
+        with contextlib.suppress(OSError):  # the parent may have ended
+            print(error.faults[0], flush=True)
         return FAILED
 
 

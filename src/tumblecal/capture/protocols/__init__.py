@@ -4,11 +4,10 @@ Each module defines `PROTOCOL`, a `Protocol`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
-from typing import Any
 from typing import Protocol as Interface
 
 from tumblecal.capture.decoding.samples import Decoded, Samples, Settings
@@ -40,6 +39,10 @@ class DeviceCounter:
     modulus: int
     ticks_per_s: float | None
 
+    def step(self, rate_hz: float | None) -> int | None:
+        """Ticks from one sample to the next at a rate; None if they are not known."""
+        return max(1, round(self.ticks_per_s / rate_hz)) if self.ticks_per_s and rate_hz else None
+
 
 @dataclass(frozen=True)
 class Protocol:
@@ -48,7 +51,7 @@ class Protocol:
     **Arguments:**
 
     - `name`: name on the command line. `title`: name in messages.
-    - `decoder`: makes a decoder; the settings may be None if the stream states them or none are needed.
+    - `decoder`: makes a decoder; by default without settings: then the stream states them, or none are needed.
     - `encode`: samples to bytes, as a device with these settings sends them.
     - `bauds`: usual speeds, the most likely first.
     - `counter`: the device's counter, or None: then losses are only visible in time.
@@ -57,7 +60,7 @@ class Protocol:
     - `range_from_stream`: the stream states the range on request, so it must not be assumed.
     - `checked`: whether frames have a checksum.
     - `answer`: the device's reply to a command.
-    - `options`: names of further arguments of the decoder.
+    - `columns`: whether columns and unit may be stated.
     """
 
     name: str
@@ -71,22 +74,12 @@ class Protocol:
     range_from_stream: bool = False
     checked: bool = True
     answer: Callable[[bytes, Settings, str], bytes] = lambda command, settings, serial: b""
-    options: tuple[str, ...] = ()
+    columns: bool = False
 
-    def decoder_options(self, columns: str, unit: str, *, whole: bool = False) -> dict[str, Any]:
-        """The options that the decoder has: columns and unit of text lines, and whether the stream is complete."""
-        given = {"columns": columns, "unit": unit, "whole": whole}
-        return {name: value for name, value in given.items() if value and name in self.options}
-
-    def with_range(self, settings: Settings, range_g: float) -> Settings:
-        """Settings for a full scale."""
-        return replace(settings, range_g=(range_g,) * 3)
-
-    def settings(self, range_g: float | None, rate_hz: float | None) -> Settings | None:
-        """The settings of a device that states none itself; None without any."""
-        if range_g is not None:
-            return self.with_range(Settings(rate_hz=rate_hz), float(range_g))
-        return Settings(rate_hz=rate_hz) if rate_hz else None
+    def settings(self, range_g: float | None, rate_hz: float | None, columns: str = "", unit: str = "") -> Settings:
+        """The settings of a device that states none itself."""
+        ranges_g = None if range_g is None else (float(range_g), float(range_g), float(range_g))
+        return Settings(ranges_g, rate_hz=rate_hz, columns=columns, unit=unit)
 
     def check_range(self, range_g: float, named: str) -> None:
         """Raise for a full scale that such devices do not have; `named` begins the fault.

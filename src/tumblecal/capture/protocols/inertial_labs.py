@@ -9,7 +9,7 @@ import numpy as np
 from tumblecal.capture.decoding.checks import byte_sum, ends_with
 from tumblecal.capture.decoding.fields import Field, Layout, Unit, frames_of, reading, scaled
 from tumblecal.capture.decoding.framing import FrameDecoder, Frames, column
-from tumblecal.capture.decoding.samples import Bytes, Integers, Samples, Settings, Status
+from tumblecal.capture.decoding.samples import UNKNOWN, Bytes, Integers, Samples, Settings, Status
 from tumblecal.capture.protocols import Protocol
 
 
@@ -67,7 +67,7 @@ def encode(samples: Samples, settings: Settings) -> bytes:
 PROTOCOL = Protocol(
     name="inertial_labs",
     title="Inertial Labs user-defined data",
-    decoder=lambda settings=None: FrameDecoder(reading(_layout), _MESSAGES),
+    decoder=lambda settings=UNKNOWN: FrameDecoder(reading(_layout), _MESSAGES),
     encode=encode,
     bauds=(115200, 460800, 921600),
 )

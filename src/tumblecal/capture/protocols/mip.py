@@ -9,7 +9,7 @@ import numpy as np
 from tumblecal.capture.decoding.checks import ends_with
 from tumblecal.capture.decoding.fields import RADIANS, Field, Layout, frames_of, reading
 from tumblecal.capture.decoding.framing import FrameDecoder, Frames
-from tumblecal.capture.decoding.samples import Bytes, Samples, Settings
+from tumblecal.capture.decoding.samples import UNKNOWN, Bytes, Samples, Settings
 from tumblecal.capture.protocols import Protocol
 
 
@@ -53,7 +53,7 @@ def encode(samples: Samples, settings: Settings) -> bytes:
 PROTOCOL = Protocol(
     name="mip",
     title="MicroStrain (HBK) MIP",
-    decoder=lambda settings=None: FrameDecoder(reading(_layout), _PACKETS),
+    decoder=lambda settings=UNKNOWN: FrameDecoder(reading(_layout), _PACKETS),
     encode=encode,
     bauds=(115200, 921600, 460800, 230400),
 )

@@ -14,7 +14,7 @@ import numpy as np
 from tumblecal.capture.decoding.checks import crc16_xmodem, exclusive_or
 from tumblecal.capture.decoding.fields import MS2, RADIANS, Field, Layout, Unit, frames_of, in_order, reading
 from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames
-from tumblecal.capture.decoding.samples import Bytes, Event, Integers, Samples, Settings, samples_of
+from tumblecal.capture.decoding.samples import UNKNOWN, Bytes, Event, Integers, Samples, Settings, samples_of
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 
 
@@ -181,7 +181,7 @@ def encode(samples: Samples, settings: Settings) -> bytes:
 PROTOCOL = Protocol(
     name="vectornav",
     title="VectorNav, text and binary",
-    decoder=lambda settings=None: FrameDecoder(_read, _BINARY, _TEXT),
+    decoder=lambda settings=UNKNOWN: FrameDecoder(_read, _BINARY, _TEXT),
     encode=encode,
     bauds=(115200, 921600, 460800, 230400),
     counter=DeviceCounter(modulus=2**62, ticks_per_s=1e9),

@@ -10,7 +10,7 @@ import numpy as np
 from tumblecal.capture.decoding.checks import byte_sum, ends_with
 from tumblecal.capture.decoding.fields import Field, Unit, filled, frames_of, scaled
 from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames, Reading, rows_of
-from tumblecal.capture.decoding.samples import Bytes, Event, Samples, Settings, blank, joined
+from tumblecal.capture.decoding.samples import UNKNOWN, Bytes, Event, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import Protocol
 
 
@@ -32,11 +32,11 @@ _FRAMES = Frames(
 )
 
 
-def _force_field(settings: Settings | None) -> Field:
-    return Field("force", "3<i2", scaled(np.array((settings and settings.range_g) or (16.0,) * 3) / 32768))
+def _force_field(settings: Settings) -> Field:
+    return Field("force", "3<i2", scaled(np.array(settings.range_g or (16.0,) * 3) / 32768))
 
 
-def _reading(settings: Settings | None) -> Reading:
+def _reading(settings: Settings) -> Reading:
     """Reads one sample a force frame, with the rate of the same burst if there is one."""
     waiting = blank(0)
 
@@ -71,7 +71,7 @@ def encode(samples: Samples, settings: Settings) -> bytes:
 PROTOCOL = Protocol(
     name="witmotion",
     title="WitMotion JY61, WT61, WT901, HWT905 and clones",
-    decoder=lambda settings=None: FrameDecoder(_reading(settings), _FRAMES, lock_after=3),
+    decoder=lambda settings=UNKNOWN: FrameDecoder(_reading(settings), _FRAMES, lock_after=3),
     encode=encode,
     bauds=(115200, 9600, 230400, 921600),
     ranges_g=(2.0, 4.0, 8.0, 16.0),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.decoding.checks import byte_sum, ends_with
 from tumblecal.capture.decoding.fields import MS2, RADIANS, Field, Layout, Unit, frames_of, reading
 from tumblecal.capture.decoding.framing import FrameDecoder, Frames, column
-from tumblecal.capture.decoding.samples import Bytes, Floats, Integers, Samples, Settings, Status
+from tumblecal.capture.decoding.samples import UNKNOWN, Bytes, Floats, Integers, Samples, Settings, Status
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 
 
@@ -110,7 +110,7 @@ def encode(samples: Samples, settings: Settings) -> bytes:
 PROTOCOL = Protocol(
     name="xsens",
     title="Xsens (Movella) MTi, MTData2",
-    decoder=lambda settings=None: FrameDecoder(reading(layout_of), messages(b"\xfa", b"\xff"), lock_after=3),
+    decoder=lambda settings=UNKNOWN: FrameDecoder(reading(layout_of), messages(b"\xfa", b"\xff"), lock_after=3),
     encode=encode,
     bauds=(115200, 921600, 2000000, 460800),
     counter=DeviceCounter(modulus=65536, ticks_per_s=None),

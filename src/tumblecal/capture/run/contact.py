@@ -8,9 +8,8 @@ the operator confirms that it is the same one.
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from tumblecal.capture.decoding.samples import Event
+from tumblecal.capture.decoding.samples import Entry, Event
 from tumblecal.capture.decoding.sniff import described
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recorder import clocks
@@ -21,11 +20,6 @@ from tumblecal.ground.errors import InputError
 # Seconds to wait for an answer after each question, and between two commands.
 WAITS_S = (1.0, 2.0, 3.0, 4.0, 6.0)
 _BETWEEN_S = 0.05
-# The answers by which an instrument is recognised: kinds of events, the keys of their contents, and words for another one.
-_STATED = {
-    "serial_number": ("serial_number", "serial number {}, but {} is connected"),
-    "configuration": ("raw", "other settings of the instrument"),
-}
 # Shortest time in which an instrument can be exchanged behind the same adapter, s.
 _EXCHANGE_S = 3.0
 _FIRST_DATA_S = 4.0
@@ -62,9 +56,9 @@ class Contact:
 
     def __init__(self, run: RunFolder, stream: LiveStream, *, trust: bool = False):
         self._plan, self._journal, self.stream, self._trust = run.plan, run.journal, stream, trust
-        self.rate_hz = 0.0
+        self.rate_hz, self._until_s = 0.0, 0.0
         self.serial_number: str | None = None
-        self.asked, self.asking, self._until_s = 0, False, 0.0
+        self.asked, self.asking = 0, False
 
     @property
     def confirmed(self) -> bool:
@@ -95,20 +89,19 @@ class Contact:
         is not the one of the plan or of the run.
         """
         stream, state, port = self.stream, self._journal.state, self._plan.port
-        protocol, events, stated = stream.protocol, list[Event](), dict[str, Any]()
+        protocol, events, stated, counts = stream.protocol, list[Event](), Entry(), stream.tally.counts
         self._connected()
         wanted = {"serial_number"} if protocol.queries else set()
         wanted |= {"range_g"} if protocol.range_from_stream else set()
         late_s = time.monotonic() + _FIRST_DATA_S
-        while not stream.tally.counts.frames or not (wanted <= stated.keys() or not self._ask()):
-            if time.monotonic() > late_s and not stream.tally.counts.frames:
+        while not counts.frames or not (wanted <= stated.keys() or not self._ask()):
+            if time.monotonic() > late_s and not counts.frames:
                 words = described(stream.recent, port.protocol)
                 if (received := stream.tally.bytes) < _FEWEST_BYTES:
                     words = f"{received or 'no'} bytes in {_FIRST_DATA_S:g} s: check power, cable and baud rate"
                 raise InputError(f"port {port.url} at {stream.recording.baud} baud: {words}")
-            part = stream.poll()
-            events += part.events
-            for event in part.events:
+            for event in stream.poll().events:
+                events.append(event)
                 stated |= event.content
             pause(0.05)
         self.asking = False
@@ -137,10 +130,12 @@ class Contact:
             clocks=clocks(),
             log_position=stream.recording.position,
         )
-        known = state.serial_number is not None
-        self._concluded(state.open_after(-1, self._plan.soaks) or 0, missed=known and not self.confirmed)
+        if state.serial_number is not None and not self.confirmed:
+            self._missed(state.open_after(-1, self._plan.soaks) or 0)
+        elif self.doubted and self._trust:
+            self.trusted()
 
-    def interrupted(self, notice: dict[str, Any]) -> None:
+    def interrupted(self, notice: Entry) -> None:
         """Register an interruption of the line: the instrument may be a different one, unless the interruption was short."""
         if notice["event"] == "reopened" or notice.get("after_s", 0.0) * self._plan.port.speed > _EXCHANGE_S:
             self._connected()
@@ -157,7 +152,7 @@ class Contact:
             self._journal.write("identity_confirmed", serial_number=self.serial_number)
         elif self.asking and not self._ask():
             self.asking = False
-            self._concluded(position, missed=True)
+            self._missed(position)
             return self.doubted
         return False
 
@@ -188,29 +183,30 @@ class Contact:
         **Raises:** `InputError` if it is a different instrument, or has different settings.
         """
         state = self._journal.state
-        began = {"serial_number": state.serial_number, "configuration": (state.configuration or {}).get("raw")}
         for event in events:
-            key, words = _STATED.get(event.kind, ("", ""))
-            before, now = began.get(event.kind), event.content.get(key)
+            words, before, now = "", None, None
             if event.kind == "serial_number":
-                self.serial_number = now
+                before, now = state.serial_number, event.content.get("serial_number")
+                self.serial_number, words = now, f"serial number {before}, but {now} is connected"
+            elif event.kind == "configuration" and state.configuration:
+                before, now = state.configuration.get("raw"), event.content.get("raw")
+                words = "other settings of the instrument"
             if None not in (before, now) and before != now:
                 raise InputError(
-                    f"this run began with {words.format(before, now)}: connect the instrument of this run, with its settings, "
+                    f"this run began with {words}: connect the instrument of this run, with its settings, "
                     "then --resume, or begin a new run"
                 )
 
-    def _concluded(self, position: int, *, missed: bool) -> None:
-        """All questions are asked: if the answer is missing, the operator must confirm the instrument."""
-        if missed:
-            asked = f"asked {self.asked} times" if self.asked else "this kind of instrument states none"
-            self._journal.write(
-                "identity_not_confirmed",
-                position=position,
-                serial_number=self._journal.state.serial_number,
-                asked=self.asked,
-                text=f"identity not confirmed: no serial number stated since the line was connected ({asked})",
-            )
+    def _missed(self, position: int) -> None:
+        """All questions are asked, and the answer is missing: the operator must confirm the instrument."""
+        asked = f"asked {self.asked} times" if self.asked else "this kind of instrument states none"
+        self._journal.write(
+            "identity_not_confirmed",
+            position=position,
+            serial_number=self._journal.state.serial_number,
+            asked=self.asked,
+            text=f"identity not confirmed: no serial number stated since the line was connected ({asked})",
+        )
         if self.doubted and self._trust:
             self.trusted()
 

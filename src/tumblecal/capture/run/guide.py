@@ -8,25 +8,24 @@ from enum import Enum
 
 import numpy as np
 
-from tumblecal.capture.chamber.soak import Soak
+from tumblecal.capture.chamber import Soak
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.port.live import Arrived
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.run.contact import Contact
-from tumblecal.capture.run.dwell import Dwell
-from tumblecal.capture.run.position_check import NOT_TURNED, Verdict, judge
-from tumblecal.capture.run.rest import HeadWatch
+from tumblecal.capture.run.dwell import NOT_TURNED, Blocks, Dwell, Verdict, judge
 from tumblecal.capture.run.run_folder import RunFolder
 from tumblecal.ground.frames import angle_between_deg
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 # A dwell whose mean moves by more is rejected: this many limits for rest, and at least so much.
-_MOVED_LIMITS, _MOVED_G = 5, 0.01
+_MOVED_LIMITS, _MOVED_G, _TURNING_DPS = 5, 0.01, 2.0
 _LINE_ALARMS = {
     "port_lost": "the device is disconnected: plug it in again; the run resumes automatically",
     "silence": "no data for a second: check power and cable",
     "other_device": "a different device was plugged in: plug in the device of this run",
+    "reopened": "",
+    "data_again": "",
 }
 
 
@@ -57,22 +56,21 @@ class Guide:
     - `soak`: requests the temperatures of the plan.
     - `keys`: the keys pressed since its last call. `bell`: sounds the bell.
 
-    `phase`, `position`: the present step. `dwell`: the attempt in progress; None for none. `settled_s`: time at rest so far.
+    `phase`, `position`: the present step. `dwell`: the attempt in progress; None for none. `blocks`: the last two;
+    `moved`: whether the head moved since the step began. `settled_s`: time at rest so far.
     `must_move`: whether a turn must be observed. `rejected`: why the last attempt at this position was rejected, or empty.
     """
 
     def __init__(self, run: RunFolder, contact: Contact, soak: Soak, keys: Callable[[], str], bell: Callable[[], None]):
         self.plan, self.state, self._journal = run.plan, run.journal.state, run.journal
         self.contact, self.stream, self.soak, self._keys, self._bell = contact, contact.stream, soak, keys, bell
-        self._to_local_g = STANDARD_GRAVITY_MS2 / self.plan.site.gravity.value_ms2
-        self._still_g = self.plan.limits.still_mg * 1e-3
-        self.watch = HeadWatch(contact.rate_hz, self._to_local_g)
+        self._to_local_g, self._still_g = self.plan.site.to_local_g, self.plan.limits.still_mg * 1e-3
+        self.blocks, self.moved, self._newest = Blocks(contact.rate_hz, 2), False, list[Arrived]()
         self.phase, self.position, self.settled_s = Phase.TURN, 0, 0.0
         self.dwell: Dwell | None = None
         self._previous: int | None = None
         self._forced = self.must_move = False
         self._line_alarm = self._position_alarm = self.rejected = ""
-        self._newest = list[Arrived]()
 
     @property
     def alarm(self) -> str:
@@ -82,7 +80,7 @@ class Guide:
     @property
     def still(self) -> bool:
         """Whether the head is at rest."""
-        return self.watch.blocks.still(self._still_g)
+        return self.blocks.still(self._still_g)
 
     def run(self) -> Iterator[None]:
         """The run, until all positions are done or the operator stops: each item is a wait for new samples.
@@ -92,7 +90,7 @@ class Guide:
         position, leave = self.state.open_after(-1, self.plan.soaks), _Leave()
         while position is not None:
             # After a rejection the head may remain where it is.
-            self.watch.moved = leave.position == self.position
+            self.moved = leave.position == self.position
             self.position, self._position_alarm = position, ""
             self.rejected = leave.why and f"attempt {self.state.attempts.get(position)} was rejected: {leave.why}"
             try:
@@ -124,12 +122,11 @@ class Guide:
         part, restart = self.stream.poll(), ""
         for notice in part.notices:
             what = notice["event"]
-            if what in _LINE_ALARMS:
-                self._line_alarm = _LINE_ALARMS[what]
+            self._line_alarm = _LINE_ALARMS.get(what, self._line_alarm)
+            if _LINE_ALARMS.get(what):
                 self._bell()
-            elif what in ("reopened", "data_again"):
-                self._line_alarm = ""
-                self.watch.blocks.forget_unfinished()
+            elif what in _LINE_ALARMS:
+                self.blocks.forget_unfinished()
                 self.contact.interrupted(notice)
             elif what == "suspended":
                 restart = "the computer slept: this position restarts"
@@ -137,8 +134,13 @@ class Guide:
             self._bell()
             restart = "identity not confirmed"
         self.soak.take(part)
-        fresh = self.watch.take(part)
-        if len(part.samples):
+        samples, rate = part.samples, part.samples.rate
+        fresh = self.blocks.add(samples.force[samples.status == 0] * self._to_local_g)
+        # The angular rate shows a turn without effect on gravity (about the vertical).
+        if len(rate) >= 8 and (np.abs([piece.mean(0) for piece in np.array_split(rate, 8)]) > _TURNING_DPS).any():
+            self.blocks.forget()
+            self.moved = True
+        if len(samples):
             self._newest = [part]
         if restart:
             self._repeat(restart)
@@ -148,37 +150,38 @@ class Guide:
 
     def _press(self, key: str) -> None:
         """Act on a key."""
-        enter, before = key in ("\n", "\r"), self._previous
-        if enter and self.contact.doubted:
-            self.contact.trusted()
-        elif enter and self.phase == Phase.SOAK:
-            self.soak.accept_as_is()
-        elif enter and self.phase == Phase.TURN and len(self.watch.blocks.mean_g):
-            # The first time, a head that was not turned is reported.
-            verdict = self._verdict()
-            if verdict.fault == NOT_TURNED and not self._position_alarm:
-                self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
-            else:
-                self._forced = True
-                self._journal.write("forced", position=self.position, text=verdict.text)
-        elif key == "r":
-            self._repeat("operator")
-        elif key == "b" and before in self.state.accepted and self.plan.soaks[before] == self.plan.soaks[self.position]:
-            self.interrupt("repeat of the previous position")
-            self._journal.write("withdrawn", position=before)
-            self._previous = None
-            raise _Leave(before)
-        elif key == "s":
-            self.interrupt("skipped")
-            if self.phase == Phase.SOAK:
-                self.soak.postpone()
-            else:
-                self._journal.write("skipped", position=self.position)
-            raise _Leave()
-        elif key == "q":
-            self.interrupt("operator")
-            self.phase = Phase.FINISHED
-            raise _Leave()
+        before = self._previous
+        match "\n" if key == "\r" else key:
+            case "\n" if self.contact.doubted:
+                self.contact.trusted()
+            case "\n" if self.phase == Phase.SOAK:
+                self.soak.accept_as_is()
+            case "\n" if self.phase == Phase.TURN and len(self.blocks.mean_g):
+                # The first time, a head that was not turned is reported.
+                verdict = self._verdict()
+                if verdict.fault == NOT_TURNED and not self._position_alarm:
+                    self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
+                else:
+                    self._forced = True
+                    self._journal.write("forced", position=self.position, text=verdict.text)
+            case "r":
+                self._repeat("operator")
+            case "b" if before in self.state.accepted and self.plan.soaks[before] == self.plan.soaks[self.position]:
+                self.interrupt("repeat of the previous position")
+                self._journal.write("withdrawn", position=before)
+                self._previous = None
+                raise _Leave(before)
+            case "s":
+                self.interrupt("skipped")
+                if self.phase == Phase.SOAK:
+                    self.soak.postpone()
+                else:
+                    self._journal.write("skipped", position=self.position)
+                raise _Leave()
+            case "q":
+                self.interrupt("operator")
+                self.phase = Phase.FINISHED
+                raise _Leave()
 
     def _repeat(self, why: str) -> None:
         """Reject an unfinished attempt and repeat its position."""
@@ -200,11 +203,10 @@ class Guide:
         self._forced = self.must_move = False
         if before not in (None, position):
             angles = {(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in (before, position)}
-            turn_deg = angle_between_deg(plan.expected(before), plan.expected(position))
             turned = len(angles) > 1 or plan.soaks[before] == plan.soaks[position]
+            turn_deg = angle_between_deg(plan.expected(before), plan.expected(position))
             self.must_move = turned and turn_deg <= plan.tolerance_deg
-        ready = False
-        while not ready:
+        while True:
             self.soak.begin(position)
             if self.soak.waiting:
                 self.phase = Phase.SOAK
@@ -220,7 +222,8 @@ class Guide:
                 log_position=self.stream.recording.position,
             )
             yield from self._settle()
-            ready = not self.soak.left
+            if not self.soak.left:
+                break
         yield from self._record(position)
 
     def _settle(self) -> Iterator[None]:
@@ -229,21 +232,21 @@ class Guide:
         while self.phase == Phase.TURN or self.settled_s < self.plan.dwell.settle_s or self.contact.doubted:
             _, fresh = yield from self._wait()
             if fresh and not self.still:
-                self.phase, self.watch.moved, self._position_alarm = Phase.TURN, True, ""
+                self.phase, self.moved, self._position_alarm = Phase.TURN, True, ""
             elif fresh and self.phase == Phase.SETTLING:
-                self.settled_s += fresh * self.watch.blocks.size / self.contact.rate_hz
+                self.settled_s += fresh * self.blocks.size / self.contact.rate_hz
             elif fresh and self._arrived():
                 self.phase, self.settled_s, self._position_alarm = Phase.SETTLING, 0.0, ""
 
     def _verdict(self) -> Verdict:
-        return judge(self.plan, self.position, self.watch.blocks.mean_g[-1], self._previous)
+        return judge(self.plan, self.position, self.blocks.mean_g[-1], self._previous)
 
     def _arrived(self) -> bool:
         """Whether the head, at rest, is at the position; a mistake is reported once."""
-        if self._forced or (self.must_move and not self.watch.moved):
+        if self._forced or (self.must_move and not self.moved):
             return self._forced
         verdict = self._verdict()
-        begun = verdict.fault != NOT_TURNED or self.watch.moved
+        begun = verdict.fault != NOT_TURNED or self.moved
         if verdict.fault and begun and verdict.text != self._position_alarm:
             self._report(verdict.fault, verdict.text, off_deg=verdict.off_deg)
         return not verdict.fault
@@ -265,7 +268,7 @@ class Guide:
         while not after or self.contact.asking:
             after.append((yield from self._wait())[0])
         losses = dwell.losses(self.stream.protocol, after)
-        if other_rate := losses.rates.words(self.contact.rate_hz * self.plan.port.speed):
+        if other_rate := losses.rate_words(self.contact.rate_hz * self.plan.port.speed):
             self._report("warned", other_rate)
         if why := dwell.refusal(losses, self.plan.limits):
             self._repeat(why)

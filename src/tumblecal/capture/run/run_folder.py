@@ -8,15 +8,25 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.capture_plan import OPERATOR, CapturePlan, SoakTable, read_plan
 from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME, Journal, RunState, sha256_of
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols import Protocol, protocol
-from tumblecal.capture.protocols.stim300_datagrams import settings_of
+from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.ground.atomic import writable_folder, written_aside
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.strict_toml import checked
 from tumblecal.ground.toml_faults import faults_at
+
+
+# Options of a call, and keys of the plan.
+_CRITERION = {
+    "soak_tolerance": "tolerance_degc",
+    "soak_rate": "rate_degc_per_min",
+    "soak_minutes": "stable_min",
+    "soak_timeout": "timeout_min",
+}
 
 
 @dataclass
@@ -113,11 +123,29 @@ def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
     return plan
 
 
-def settings_of_run(state: RunState, plan: CapturePlan, device: Protocol) -> Settings | None:
-    """Range and rate of the device: as it stated them in the run, otherwise from the plan."""
+def settings_of_run(state: RunState, plan: CapturePlan, device: Protocol) -> Settings:
+    """Range and rate of the device: as it stated them in the run, otherwise from the plan; columns and unit of text lines:
+    those of the plan, otherwise those of the header line when the run began."""
     if state.configuration is not None:
         return settings_of(state.configuration)
-    return device.settings(plan.port.range_g, state.device.get("rate_hz") or plan.port.rate_hz)
+    port, layout = plan.port, state.stated("layout")
+    columns, unit = port.columns or ",".join(layout.get("columns", ())), port.unit or layout.get("unit", "")
+    return device.settings(port.range_g, state.device.get("rate_hz") or port.rate_hz, columns, unit)
+
+
+def with_temperatures(plan: CapturePlan, chamber: str | None = None, **soak: float | None) -> CapturePlan:
+    """The plan with a chamber at a port (or the `operator`), and a criterion of a stable temperature; None: as in the plan.
+
+    **Raises:** `InputError` for a value that is not above 0, or for options that the plan does not need.
+    """
+    stated = {_CRITERION[name]: value for name, value in soak.items() if value is not None}
+    if (stated or chamber is not None) and not plan.over_temperature:
+        raise InputError(
+            "capture: the plan requests no temperature; remove --chamber and --soak-..., or add positions.temperature_degc"
+        )
+    criterion = checked(Path("--soak-..."), plan.soak.model_dump() | stated, SoakTable)
+    url = plan.chamber.url if chamber is None else chamber.removeprefix(OPERATOR)
+    return plan.model_copy(update={"soak": criterion, "chamber": plan.chamber.model_copy(update={"url": url})})
 
 
 def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:

@@ -135,7 +135,7 @@ def note_of(guide: Guide) -> str:
     match guide.phase:
         case Phase.SOAK:
             return guide.soak.note
-        case Phase.TURN if not guide.still and guide.watch.moved:
+        case Phase.TURN if not guide.still and guide.moved:
             return "moving"
         case Phase.TURN:
             seen = " (gravity looks the same as before: turn it, or press Enter)" if guide.must_move else ""
@@ -197,7 +197,7 @@ def _axes(guide: Guide) -> Table:
     """Mean and noise of each axis, with the nominal output, mg."""
     names = "axis", "mean mg", "expected mg", "difference mg", "sd of a sample mg", "drift mg"
     table = Table(*names, box=None, pad_edge=False)
-    blocks = (guide.dwell or guide.watch).blocks
+    blocks = (guide.dwell or guide).blocks
     if len(blocks.mean_g):
         mean, expected = blocks.mean_g.mean(0), guide.plan.expected(guide.position)
         columns = [mean, expected, mean - expected, blocks.sd_g.mean(0), blocks.stationarity().drift_g]

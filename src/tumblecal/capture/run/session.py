@@ -3,12 +3,10 @@
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
-from tumblecal.capture.chamber.chamber import Chamber
-from tumblecal.capture.chamber.soak import Soak
+from tumblecal.capture.chamber import Chamber, Soak
 from tumblecal.capture.journal import RAW_NAME, RunState
-from tumblecal.capture.port.live import LiveStream
+from tumblecal.capture.port.live import LiveStream, Recording
 from tumblecal.capture.port.recorder import clocks
-from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.run.contact import Contact, await_port
 from tumblecal.capture.run.guide import Guide
@@ -61,9 +59,7 @@ def capture(
             await_port(port.url, wait_s, signals.pause)
             recording = Recording(run.folder / RAW_NAME, port.url, port.baud or spoken.bauds[0])
             ends.callback(recording.stop)
-            settings = settings_of_run(journal.state, plan, spoken)
-            options = spoken.decoder_options(*journal.state.text_columns(port.columns, port.unit))
-            stream = LiveStream(recording, spoken, settings, options)
+            stream = LiveStream(recording, spoken, settings_of_run(journal.state, plan, spoken))
             contact = Contact(run, stream, trust=trust)
             contact.meet(signals.pause)
             if plan.over_temperature:

@@ -59,7 +59,7 @@ def apply(
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import gravity_of_option
-    from tumblecal.recordings.correction.correction import Correction, write_corrected
+    from tumblecal.recordings.correction.correction import write_corrected
     from tumblecal.recordings.correction.uncorrected import uncorrected
     from tumblecal.show.recordings import layout_lines
 
@@ -75,7 +75,7 @@ def apply(
     out = table_file(out or source.out_beside(raw), [raw, calibration])
     with guessed(source.recording.layout.notes if source.recording else ()):
         checks, outside, one_g = write_corrected(
-            out, source, Correction(read, calibration, local, other_unit, extrapolate)
+            out, source, read, calibration, local, other_unit=other_unit, extrapolate=extrapolate
         )
     warn(raw, [*checks.words(), *(outside.words() if outside else ())])
     if undetermined := read.sensor.of(SENSOR).undetermined_words:

@@ -36,7 +36,6 @@ def capture(
     port
         Serial port. Default: the port of the plan. Example: --port /dev/ttyUSB0.
     """
-    from tumblecal.capture.chamber.soak import with_temperatures
     from tumblecal.capture.run import run_folder
     from tumblecal.capture.run.session import capture as guided
     from tumblecal.capture.run.stop_signals import Stopped
@@ -57,7 +56,7 @@ def capture(
             if resume is not None:
                 print(f"{run.folder}: {len(accepted)} of {count} positions done")
             given = {name: value for name, value in vars(temperature).items() if value is not None}
-            run.plan = with_temperatures(run.plan, **run.journal.state.temperature_options | given)
+            run.plan = run_folder.with_temperatures(run.plan, **run.journal.state.temperature_options | given)
             if given:
                 run.journal.write("temperature_options", options=given)
             try:

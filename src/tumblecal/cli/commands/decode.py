@@ -44,7 +44,7 @@ def decode(
     print(f"{file}: {read.title} (--protocol {read.name})")
     print(
         f"{counts.frames} samples, {counts.special} other frames, {counts.check_failures} failed checks, "
-        f"{counts.resyncs} resynchronisations, {counts.discarded} of {contents.size} bytes discarded"
+        f"{counts.resyncs} resynchronisations, {counts.discarded} of {contents.bytes} bytes discarded"
     )
     for event in contents.events:
         if shown := ", ".join(f"{key} {value}" for key, value in event.content.items() if key != "raw"):

@@ -42,7 +42,7 @@ def diagnose(
     from tumblecal.data.overwriting import DIAGNOSIS
     from tumblecal.ground.atomic import output_folders
     from tumblecal.lab.summary import DIAGNOSED
-    from tumblecal.recordings.dwells.position_samples import read_position_samples
+    from tumblecal.recordings.dwells.by_columns import read_position_samples
 
     files = PositionFiles(command, joining, more, data, out)
     inputs.require(model, files)

@@ -1,4 +1,4 @@
-"""Dwells by the columns of a table of samples: a stretch of rows with one position, angles, run and mounting is a dwell."""
+"""Dwells by the columns of a table: stretches of rows with one position, angles, run and mounting; tables of means."""
 
 from pathlib import Path
 from typing import Any
@@ -7,22 +7,24 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import stretches
-from tumblecal.data.raw import Raw, header_of
+from tumblecal.data.raw import Raw, header_of, read_raw
 from tumblecal.data.table import TIME_CLOCK
+from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import STANDARD, comments_of
+from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity
+from tumblecal.recordings.dwells.dwell_checks import require_axes_answer
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples, require_samples, stated_comments
-from tumblecal.recordings.dwells.place import Place
-from tumblecal.recordings.options import KnownContext
+from tumblecal.recordings.dwells.places import ANGLES, Known, Place, places_of, position_set
+from tumblecal.recordings.dwells.plan_match import matched
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording
 
 
-_ANGLES = ("alpha_deg", "beta_deg")
 _LABELS = ("position", "run", "mount", TIME_CLOCK)
 
 
@@ -37,18 +39,18 @@ def dwells_by_columns(raw: Raw, recording: str, *, means_given: bool = False) ->
 
     **Raises:** `InputError` for a table without these columns, or with too few samples in a dwell.
     """
-    source, timed = str(raw.path), "time_s" in raw.frame.columns
-    cells = _cells(raw, means_given=means_given)
+    source, timed, cells = str(raw.path), "time_s" in raw.frame.columns, _cells(raw, means_given=means_given)
     if means_given:
         label = cells["position"]
         dwells = [np.flatnonzero(label == name) for name in dict.fromkeys(label.tolist())]
     else:
         dwells = stretches(list(cells.values()))
     clocks = cells.pop(TIME_CLOCK, np.zeros(0))
-    places = []
-    for rows in dwells:
-        stated: dict[str, Any] = {name: values[rows[0]].item() for name, values in cells.items()}
-        places.append(Place(stated.pop("position", f"p{len(places) + 1}"), **stated))
+    stated: list[dict[str, Any]] = [
+        {"position": f"p{k}"} | {name: cells[name][rows[0]].item() for name in cells}
+        for k, rows in enumerate(dwells, 1)
+    ]
+    places = [Place(**values) for values in stated]
     # A table of means may have neither times nor rate: the number of samples is checked first.
     require_samples(source, places, dwells)
     rate_hz, middle_s = _times(raw, dwells)
@@ -71,7 +73,7 @@ def dwells_by_columns(raw: Raw, recording: str, *, means_given: bool = False) ->
     )
 
 
-def table_with_plan(samples: Path, source: Path, known: tuple[KnownContext, CapturePlan | None]) -> Raw:
+def table_with_plan(samples: Path, source: Path, known: Known) -> Raw:
     """A table of samples with the angles of a plan by name, and with run and mounting of the options.
 
     **Arguments:**
@@ -83,16 +85,59 @@ def table_with_plan(samples: Path, source: Path, known: tuple[KnownContext, Capt
     context, plan = known
     comments = stated_comments(samples, source, plan, hand_held=context.static and plan is None)
     frame, stored = read_parquet(samples, check=False)
-    if plan is not None:
-        steps = [(str(step.name), float(step.alpha_deg), float(step.beta_deg)) for step in plan.steps]
-        angles = pl.DataFrame(steps, schema=["position", *_ANGLES], orient="row")
-        frame = frame.drop(_ANGLES, strict=False).join(angles, on="position", maintain_order="left")
+    if steps := places_of(plan):
+        angles = pl.DataFrame(
+            [(step.position, step.alpha_deg, step.beta_deg) for step in steps], ["position", *ANGLES], orient="row"
+        )
+        frame = frame.drop(ANGLES, strict=False).join(angles, on="position", maintain_order="left")
         if not len(frame):
-            names = ", ".join(name for name, *_ in steps[:8])
+            names = ", ".join(step.position for step in steps[:8])
             raise InputError(f"{source}: none of its position names is in {context.plan}: {names} ...")
     labels = [pl.lit(label).alias(name) for name in ("run", "mount") if (label := getattr(context, name))]
     rate = {key: value for key, value in stored.items() if key == "rate_hz"}
     return header_of(source, frame.head(0), comments | rate).with_rows(frame.with_columns(labels))
+
+
+def means_of(path: Path, known: Known, options: RecordingOptions) -> DwellSamples:
+    """The positions of a table with one mean in each row: spreadsheets, .mat files and text of any layout.
+
+    **Arguments:**
+
+    - `known`: context, and its plan, whose positions are found by name, otherwise by the direction of gravity.
+
+    **Raises:** `InputError` for a table without accelerations, or with positions that are not in the plan.
+    """
+    context, plan = known
+    with scratch_folder(path) as folder:
+        samples = folder / "means.parquet"
+        recording = read_recording(path, samples, options, by=context.by, in_g=True, means=True)
+        raw = read_raw(samples, path)
+        with_angles = plan is None and {*ANGLES} <= {*raw.frame.columns}
+        comments = stated_comments(samples, path, plan, hand_held=plan is None and not with_angles)
+    raw = raw.in_g_of(stated_gravity(comments, str(path))) if raw.in_ms2 else raw
+    require_axes_answer(str(path), raw.readings[:, None])
+    there, names = {*raw.frame.columns}, [f"p{k}" for k in range(1, len(raw.readings) + 1)]
+    if "position" in there:
+        names = raw.frame["position"].cast(str).to_list()
+    angles = [raw.numbers(name).tolist() for name in ANGLES if with_angles]
+    places = [Place(*row) for row in zip(names, *angles, strict=True)]
+    if plan is not None:
+        steps = places_of(plan)
+        by_name = {step.position: step for step in steps}
+        found = matched(raw.readings, plan).positions.tolist()
+        placed = [by_name.get(name) for name in names] if "position" in there else [
+            None if k < 0 else steps[k] for k in found
+        ]  # fmt: skip
+        if None in placed:
+            raise InputError(
+                f"{path}: row {placed.index(None) + 1}: not a position of the plan ({placed.count(None)} such rows); remove "
+                "them"
+            )
+        places = [place for place in placed if place]
+    time_s = raw.numbers("time_s") if "time_s" in there else None
+    columns = {"temperature_degc": raw.temperature_degc(), "time_s": time_s}
+    positions = position_set(str(path), raw.readings, places, comments, known, **columns)
+    return DwellSamples(positions, read=(recording,), warnings=((str(path), recording.damage.lines),))
 
 
 def _cells(raw: Raw, *, means_given: bool) -> dict[str, NDArray]:
@@ -101,26 +146,25 @@ def _cells(raw: Raw, *, means_given: bool) -> dict[str, NDArray]:
     **Raises:** `InputError` for missing columns, and empty cells.
     """
     source, there, columns = str(raw.path), raw.frame.columns, dict[str, NDArray]()
-    hand_held = means_given or raw.comments.get(ATTITUDES) == UNKNOWN
-    there = [name for name in there if name == "position"] if means_given else there
+    named = means_given or raw.comments.get(ATTITUDES) == UNKNOWN
     if not len(raw.readings):
         raise InputError(f"{source}: no rows; write a row for each sample")
-    if lacking := [name for name in (("position",) if hand_held else _ANGLES) if name not in there]:
+    if lacking := [name for name in (("position",) if named else ANGLES) if name not in there]:
         raise InputError(
-            f"{source}: column {' and '.join(lacking)} is missing; write the {'name' if hand_held else 'angles'} in the row of "
+            f"{source}: column {' and '.join(lacking)} is missing; write the {'name' if named else 'angles'} in the row of "
             f"each sample (without angles: the comment `# {ATTITUDES}: {UNKNOWN}`, --plan PLAN.toml, or --static)"
         )
-    for name in _LABELS:
+    for name in ("position",) if means_given else _LABELS:
         labels = labels_in(raw.frame[name].to_list()) if name in there else []
         # A column of runs or mountings that is empty in all rows is ignored.
-        if not any(labels) and (name != "position" or not labels):
-            continue
-        if empty := labels.count(""):
-            raise InputError(
-                f"{source}: column {name}: {empty} empty cells; write the {name} in the row of each sample"
-            )
-        columns[name] = np.array(labels)
-    return columns | {name: raw.numbers(name) for name in (*_ANGLES, "approach") if name in there}
+        if any(labels) or (labels and name == "position"):
+            columns[name] = np.array(labels)
+            if empty := labels.count(""):
+                raise InputError(
+                    f"{source}: column {name}: {empty} empty cells; write the {name} in the row of each sample"
+                )
+    numbers = () if means_given else (*ANGLES, "approach")
+    return columns | {name: raw.numbers(name) for name in numbers if name in there}
 
 
 def _times(raw: Raw, dwells: list[Integers]) -> tuple[float, Floats]:
@@ -143,3 +187,28 @@ def _times(raw: Raw, dwells: list[Integers]) -> tuple[float, Floats]:
             + (f" instead of {text!r}" if text else "")
         )
     return rate, np.array([float(np.mean(rows)) for rows in dwells]) / rate
+
+
+def read_position_samples(path: Path) -> DwellSamples:
+    """The samples of positions whose means are given in a file, without the change within dwells that all share.
+
+    **Arguments:**
+
+    - `path`: folder of `tumblecal capture`, or a CSV or Parquet table with columns `position`, `ax_g, ay_g, az_g` (or
+      `_mg`, `_ms2`) and `time_s`; without `time_s` a comment `# rate_hz: 100` gives the sample rate. With `_ms2` a comment
+      `# gravity_ms2: 9.8123` gives local gravity.
+
+    **Raises:** `InputError` if there are no such samples, or too few.
+    """
+    from dataclasses import replace
+
+    from tumblecal.noise.within_dwells import without_common_change
+
+    if path.is_dir():
+        from tumblecal.recordings.dwells.captured import captured_dwells
+
+        dwells = captured_dwells(path)
+    else:
+        dwells = dwells_by_columns(read_raw(path), "", means_given=True)
+    quiet, _ = without_common_change(dwells.force, dwells.rate_hz, dwells.temperatures)
+    return replace(dwells, force=quiet)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,14 +23,28 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.ground.numbers_shown import counted
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples, dwell_samples
-from tumblecal.recordings.dwells.place import Place
+from tumblecal.recordings.dwells.places import places_of
 from tumblecal.recordings.options import KnownContext
 
 
 _NEAR_FULL_SCALE = 0.98
 _AFTER_BYTES = 1 << 20
 _FEWEST_GOOD = 8
-_REQUESTED = "requested temperature, not measured"
+# Thermometers of a position, the most direct first, and their entries of an attempt.
+_THERMOMETERS = {"chamber": "chamber_degc", "requested temperature, not measured": "requested_degc"}
+
+
+class _Dwell(NamedTuple):
+    """A position: good samples (n, 3) in local g, their temperatures, degC, and the time of the middle, s; its temperature,
+    degC, and thermometer ("" for that of the sensor); entries of reduction.json, and arguments of `check_dwell`."""
+
+    force: Floats
+    warmth: Floats
+    time_s: float
+    degc: float
+    thermometer: str
+    entries: dict[str, Any]
+    counted: dict[str, Any]
 
 
 def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> DwellSamples:
@@ -47,8 +61,8 @@ def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> Dwe
     if not state.device:
         raise InputError(f"{folder / JOURNAL_NAME}: the entry of the device is damaged; restore the file from a copy")
     plan, raw = plan_of_run(folder, state), folder / RAW_NAME
-    attempts = [attempt for _, attempt in sorted(state.accepted.items())]
-    places = [Place("").at_step(plan, attempt.position) for attempt in attempts]
+    attempts, steps = [attempt for _, attempt in sorted(state.accepted.items())], places_of(plan)
+    places = [steps[attempt.position] for attempt in attempts]
     if plan.soak.new_pitch_settings and plan.over_temperature:
         # Each soak is a run.
         runs = [f"{plan.session.run}.{plan.soaks[attempt.position] + 1}" for attempt in attempts]
@@ -58,12 +72,11 @@ def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> Dwe
     measured = float(np.median([attempt.summary.get("rate_hz") or np.nan for attempt in attempts])) / speed
     rate_hz = measured if abs(measured / rate_hz - 1) > SAME_RATE else rate_hz
     decoded = [
-        _decoded(raw, place.name, attempt, (plan, state), rate_hz)
+        _decoded(raw, place.position, attempt, (plan, state), rate_hz)
         for attempt, place in zip(attempts, places, strict=True)
     ]
-    force, warmth, time_s, dwell_entries, numbers = zip(*decoded, strict=True)
-    identity, comments = identity_of(state, attempts, [place.name for place in places])
-    degc, thermometer = _temperatures(warmth, attempts)
+    identity, comments = identity_of(state, attempts, [place.position for place in places])
+    degc, thermometers = np.array([one.degc for one in decoded]), {one.thermometer for one in decoded}
     comments = (
         {"captured_in": folder.name}
         | comments
@@ -76,24 +89,28 @@ def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> Dwe
             TIME_SPEED: f"{speed:g}" if speed != 1 else "",
             "raw_sha256": sha256_of(raw),
             SETUP: CaptureSetup.of(plan).text,
-            "temperature_source": thermometer,
+            # The least direct one of several; none if the sensor states some.
+            "temperature_source": "" if "" in thermometers else max(thermometers),
         }
     )
     dwells = dwell_samples(
         str(folder),
         places,
-        force,
+        [one.force for one in decoded],
         rate_hz,
         {key: value for key, value in comments.items() if value},
         (context, plan),
-        temperatures=warmth,
+        temperatures=[one.warmth for one in decoded],
         fewest=_FEWEST_GOOD,
         remedy="; repeat it",
-        columns={"time_s": np.array(time_s), "temperature_degc": degc},
+        columns={
+            "time_s": np.array([one.time_s for one in decoded]),
+            "temperature_degc": degc if np.isfinite(degc).all() else None,
+        },
         recording=attempts[0].sha256[:16],
-        counted=numbers,
+        counted=[one.counted for one in decoded],
         entries={"session": state.session, "device": state.device, "damage": faults, "identity": identity},
-        dwell_entries=dwell_entries,
+        dwell_entries=[one.entries for one in decoded],
         lines=(f"{len(places)} of {counted(len(plan.steps), 'position')} of the plan",),
     )
     warnings = [*faults, *filter(None, [identity_words(dwells.positions)])]
@@ -123,11 +140,8 @@ def identity_of(
     return identity, comments
 
 
-def _decoded(
-    raw: Path, name: str, attempt: Attempt, run: tuple[CapturePlan, RunState], rate_hz: float
-) -> tuple[Floats, Floats, float, dict[str, Any], dict[str, Any]]:
-    """One position: good samples (n, 3) in local g, their temperatures, degC, time of the middle, s, entries of
-    reduction.json, and arguments of `check_dwell`.
+def _decoded(raw: Path, name: str, attempt: Attempt, run: tuple[CapturePlan, RunState], rate_hz: float) -> _Dwell:
+    """One position.
 
     **Raises:** `InputError` if its bytes were changed.
     """
@@ -139,9 +153,7 @@ def _decoded(
     # Bytes shortly before and after the attempt: its first and last frame may begin or end there.
     stop = attempt.log_stop + _AFTER_BYTES
     records = [r for r in read_log(raw, attempt.log_before, stop) if r.kind == RecordKind.BYTES]
-    decoder = device.decoder(
-        settings, **device.decoder_options(*state.text_columns(plan.port.columns, plan.port.unit), whole=True)
-    )
+    decoder = device.decoder(replace(settings, whole=True))
     decoded = decode_all(decoder, b"".join(r.payload for r in records))
     stops = np.cumsum([len(r.payload) for r in records])
     which = np.minimum(np.searchsorted(stops, decoded.samples.stop), len(records) - 1)
@@ -159,17 +171,25 @@ def _decoded(
     use = usable(dwell)
     full = settings.range_g if settings and settings.range_g else (np.inf,) * 3
     saturated = (np.abs(dwell.force) > _NEAR_FULL_SCALE * np.array(full)).any(1) | (dwell.status & Status.OVERLOAD != 0)
+    warmth, thermometer = dwell.temperature[use], ""
+    known = warmth[np.isfinite(warmth)]
     temperatures = {key: attempt.summary[key] for key in ("requested_degc", "chamber_degc") if key in attempt.summary}
-    return (
+    degc = float(known.mean()) if len(known) else np.nan
+    if not len(known):
+        thermometer = next((one for one, key in _THERMOMETERS.items() if temperatures.get(key) is not None), "")
+        degc = temperatures.get(_THERMOMETERS.get(thermometer, ""), np.nan)
+    return _Dwell(
         dwell.force[use] * (STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2),
-        dwell.temperature[use],
+        warmth,
         _middle_s(host_s[inside.start : inside.stop], attempt, state) * plan.port.speed,
+        degc,
+        thermometer,
         {"attempt": attempt.number, "flagged": int((~use).sum()), "sha256": attempt.sha256} | temperatures,
         {
             "saturated": int(saturated.sum()),
             "lost": losses.lost,
             "lost_unresolved": losses.unresolved,
-            "rate_fault": losses.rates.words(rate_hz * plan.port.speed),
+            "rate_fault": losses.rate_words(rate_hz * plan.port.speed),
         },
     )
 
@@ -187,18 +207,3 @@ def _middle_s(host_s: Floats, attempt: Attempt, state: RunState) -> float:
     middle = float(host_s[0] + host_s[-1]) / 2
     wall = before["wall_ns"] + (middle * 1e9 - before["monotonic_ns"]) + asleep_ns
     return (wall - state.devices[0]["clocks"]["wall_ns"]) * 1e-9
-
-
-def _temperatures(warmth: Sequence[Floats], attempts: Sequence[Attempt]) -> tuple[Floats | None, str]:
-    """Temperature of each position: mean of the sensor, otherwise of the chamber, otherwise as requested; None if a position
-    has none. And the thermometer, "" for that of the sensor."""
-    degc, thermometers = list[float | None](), set[str]()
-    for values, attempt in zip(warmth, attempts, strict=True):
-        known = values[np.isfinite(values)]
-        sources = {"": float(known.mean()) if len(known) else None, "chamber": attempt.summary.get("chamber_degc")}
-        sources[_REQUESTED] = attempt.summary.get("requested_degc")
-        thermometer = next((name for name, value in sources.items() if value is not None), "")
-        degc.append(sources[thermometer])
-        thermometers.add(thermometer)
-    # The least direct one of several; none if the sensor states some.
-    return None if None in degc else np.array(degc, float), "" if "" in thermometers else max(thermometers)

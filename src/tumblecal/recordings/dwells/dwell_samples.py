@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, names_of
 from tumblecal.capture.decoding.samples import Floats
@@ -16,7 +15,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity
 from tumblecal.ground.numbers_shown import shortened
-from tumblecal.recordings.dwells.place import Place, position_set
+from tumblecal.recordings.dwells.places import Known, Place, position_set
 from tumblecal.recordings.options import KnownContext
 from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.still.stillness import Stillness
@@ -63,17 +62,13 @@ class DwellSamples:
 
 
 def require_samples(
-    source: str,
-    places: Sequence[Place],
-    dwells: Sequence[NDArray],
-    fewest: int = _FEWEST,
-    remedy: str = _OF_MEANS,
+    source: str, places: Sequence[Place], dwells: Sequence, fewest: int = _FEWEST, remedy: str = _OF_MEANS
 ) -> None:
     """Check that every dwell has enough samples (rows) for a mean.
 
     **Raises:** `InputError` with the dwells that have too few samples.
     """
-    names = names_of([place.name for place in places])
+    names = names_of([place.position for place in places])
     if few := [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < fewest]:
         raise InputError(
             f"{source}: too few samples at position {shortened(few, _SHOWN)}; {fewest} are needed at each{remedy}"
@@ -86,12 +81,12 @@ def dwell_samples(
     force: Sequence[Floats],
     rate_hz: float,
     comments: Mapping[str, str],
-    known: tuple[KnownContext, CapturePlan | None] = (KnownContext(), None),
+    known: Known = (KnownContext(), None),
     *,
     temperatures: Sequence[Floats] | None = None,
     fewest: int = _FEWEST,
     remedy: str = _OF_MEANS,
-    columns: Mapping[str, Any] | None = None,
+    columns: Mapping[str, Any],
     **evidence: Any,
 ) -> DwellSamples:
     """The dwells at these places, with the means of their samples.
@@ -105,11 +100,14 @@ def dwell_samples(
     **Raises:** `InputError` with the dwells that have too few samples.
     """
     require_samples(source, places, force, fewest, remedy)
-    readings, degc = np.array([dwell.mean(0) for dwell in force]), None
-    if finite := [part[np.isfinite(part)] for part in temperatures or ()]:
-        degc = np.array([part.mean() for part in finite]) if all(map(len, finite)) else None
-    of_samples = {"temperature_degc": degc, "n": np.array([len(dwell) for dwell in force], float)}
-    positions = position_set(source, readings, places, comments, known, **of_samples | dict(columns or {}))
+    known_degc = [part[np.isfinite(part)] for part in temperatures or ()]
+    complete = known_degc and all(map(len, known_degc))
+    of_samples = {
+        "temperature_degc": np.array([part.mean() for part in known_degc]) if complete else None,
+        "n": np.array([len(dwell) for dwell in force], float),
+    }
+    means = np.array([dwell.mean(0) for dwell in force])
+    positions = position_set(source, means, places, comments, known, **of_samples | dict(columns))
     return DwellSamples(positions, force, rate_hz, temperatures=temperatures, **evidence)
 
 

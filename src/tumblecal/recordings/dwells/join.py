@@ -43,24 +43,17 @@ class Joined:
 
     - `source`: name for faults. `samples`: the table, a Parquet file; with the number of the recording, from 1, in the column
       `time_clock` if there are several.
-    - `recordings`: in the order of the table. `order`: their numbers, from 0, in the given order.
+    - `recordings`: in the order of the table. `order`: their numbers, from 0, in the given order. `rate_hz`: their common
+      rate, Hz, by the total time of the samples; None if it is unknown.
     - `bases_s`: their time zero in the table.
     """
 
     source: Path
     samples: Path
     recordings: tuple[Recording, ...]
+    rate_hz: float | None
     order: tuple[int, ...] = (0,)
     bases_s: tuple[float, ...] = (0.0,)
-
-    @property
-    def rate_hz(self) -> float | None:
-        """The common rate, Hz, by the total time of the samples; None if it is unknown."""
-        if len(self.recordings) == 1:
-            return self.recordings[0].rate_hz
-        return sum(one.rows for one in self.recordings) / sum(
-            one.rows / (one.rate_hz or np.inf) for one in self.recordings
-        )
 
     @property
     def identifier(self) -> str:
@@ -110,7 +103,7 @@ def joined(files: Sequence[Path], folder: Path, options: RecordingOptions, by: s
     path = folder / "samples.parquet"
     if len(files) == 1:
         recording = read_recording(files[0], path, options, by=by, in_g=True)
-        return Joined(recording.path, path, (recording,))
+        return Joined(recording.path, path, (recording,), recording.rate_hz)
     recordings, faults = list[Recording](), list[str]()
     for number, file in enumerate(files):
         try:
@@ -124,27 +117,32 @@ def joined(files: Sequence[Path], folder: Path, options: RecordingOptions, by: s
     order = sorted(range(len(files)), key=lambda k: recordings[k].begin_s)
     order = order if _continue([recordings[k] for k in order]) else range(len(files))
     recordings = [recordings[k] for k in order]
-    names = [one.frame().collect_schema().names() for one in recordings]
+    tables = [scan_parquet(one.samples, check=False) for one in recordings]
+    names = [table.collect_schema().names() for table, *_ in tables]
     shared = [name for name in names[0] if name != "time_s" and all(name in others for others in names)]
-    frames, bases_s, base = list[pl.LazyFrame](), list[float](), 0.0
-    for one in recordings:
-        rate_hz, frame, last_s = one.rate_hz or np.inf, one.frame(), one.last_s
+    frames, bases_s, base, duration_s = list[pl.LazyFrame](), list[float](), 0.0, 0.0
+    for number, (one, (frame, _, _)) in enumerate(zip(recordings, tables, strict=True), start=1):
+        rate_hz, last_s = one.rate_hz or np.inf, one.last_s
         if not np.isfinite(last_s):
             last_s = (one.rows - 1) / rate_hz
-            frame = frame.with_columns((pl.int_range(pl.len()).cast(float) / rate_hz).alias("time_s"))
-        clock = pl.lit(str(len(frames) + 1)).alias(TIME_CLOCK)
+            frame = frame.with_columns(time_s=pl.int_range(pl.len()).cast(float) / rate_hz)
+        clock = pl.lit(str(number)).alias(TIME_CLOCK)
         frames.append(frame.with_columns(pl.col("time_s") + base, clock).select("time_s", *shared, TIME_CLOCK))
         bases_s.append(base)
-        base = max(base, last_s + base) + max(_APART_S, _APART_STEPS / rate_hz)
-    comments = [scan_parquet(one.samples, check=False)[2].items() for one in recordings]
+        base, duration_s = (
+            max(base, last_s + base) + max(_APART_S, _APART_STEPS / rate_hz),
+            duration_s + one.rows / rate_hz,
+        )
+    comments = [stored.items() for *_, stored in tables]
     same = {
         key: value
         for key, value in comments[0]
         if key not in ("imported_from", "rate_hz") and all((key, value) in others for others in comments)
     }
-    table = pl.concat(frames)
+    table, source = pl.concat(frames), Path(f"{files[0]} and {len(files) - 1} more")
     write_frames(path, pieces_in_order(table), table.collect_schema(), same)
-    return Joined(Path(f"{files[0]} and {len(files) - 1} more"), path, tuple(recordings), tuple(order), tuple(bases_s))
+    rate_hz = sum(one.rows for one in recordings) / duration_s
+    return Joined(source, path, tuple(recordings), rate_hz, tuple(order), tuple(bases_s))
 
 
 def _continue(recordings: Sequence[Recording]) -> bool:
@@ -159,7 +157,7 @@ def _require_one_recording(recordings: Sequence[Recording]) -> None:
 
     **Raises:** `InputError` with the first file that differs, and the difference.
     """
-    stated: dict[str, tuple[str, Path]] = {}
+    stated, rates = dict[str, tuple[str, Path]](), dict[float, Path]()
     for one in recordings:
         layout, columns = one.layout, one.layout.columns
         counts = f" ({layout.per_g:g} counts a g)" if layout.per_g else ""
@@ -177,7 +175,7 @@ def _require_one_recording(recordings: Sequence[Recording]) -> None:
                 raise InputError(f"{one.path}: {fact}, but in {path}: {usual}; {_REMEDIES[key]}")
         if one.rate_hz is None:
             raise InputError(f"{one.path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
-    rates = {one.rate_hz or 0.0: one.path for one in recordings}
+        rates[one.rate_hz] = one.path
     low, high = min(rates), max(rates)
     if high > _LARGEST_RATE_RATIO * low:
         raise InputError(

@@ -42,12 +42,17 @@ class PlanMatch:
     @property
     def missing(self) -> list[str]:
         """Positions without an interval."""
-        return [name for k, name in enumerate(self.names) if not np.any(self.positions == k)]
+        return [name for k, name in enumerate(self.names) if not (self.positions == k).any()]
 
     @property
     def repeated(self) -> list[str]:
         """Positions with several intervals."""
-        return [name for k, name in enumerate(self.names) if np.sum(self.positions == k) > 1]
+        return [name for k, name in enumerate(self.names) if (self.positions == k).sum() > 1]
+
+    @property
+    def explained(self) -> tuple[int, int]:
+        """Numbers of intervals with a position, and of different positions."""
+        return int((self.positions >= 0).sum()), len(np.unique(self.positions))
 
     def words(self) -> list[str]:
         """Missing and repeated positions, one line each."""
@@ -68,8 +73,17 @@ def matched(readings: Floats, plan: CapturePlan) -> PlanMatch:
     separations = _angles(expected, expected)
     tolerance = min([0.5 * angle for angle in separations[separations > _SAME_DEG]] + [_FAR_DEG])
     names = tuple(str(step.name) for step in plan.steps)
+    # Candidate biases: zero; the middle of each axis' readings; the centre of a sphere through the readings. Offsets of 0.25
+    # to 0.6 g, common in cheap sensors, turn directions by up to 30 degrees.
+    centres = [np.zeros(3)]
+    if len(readings) >= _FEWEST_FOR_CENTRE:
+        centres.append((readings.max(0) + readings.min(0)) / 2)
+        design = np.column_stack([2 * readings, np.full(len(readings), np.abs(readings).max())])
+        centres += [sphere_of(readings)[0]] if np.linalg.cond(design) < 100 else []
     found = []
-    for centre in _centres(readings):
+    for centre in centres:
+        if (readings == centre).all(1).any():
+            continue
         match = _matched(readings - centre, expected, tolerance, names)
         corrected = _without_bias(readings, expected, match.positions)
         match = match if corrected is None else _matched(corrected, expected, plan.tolerance_deg, names)
@@ -78,36 +92,21 @@ def matched(readings: Floats, plan: CapturePlan) -> PlanMatch:
     return max(found, key=lambda one: one[0])[1]
 
 
-def _centres(readings: Floats) -> list[Floats]:
-    """Candidate biases of the axes: zero; the middle of each axis' readings; the centre of a sphere through the readings.
-    Offsets of 0.25 to 0.6 g, common in cheap sensors, turn directions by up to 30 degrees."""
-    centres = [np.zeros(3)]
-    if len(readings) >= _FEWEST_FOR_CENTRE:
-        centres.append((readings.max(0) + readings.min(0)) / 2)
-        design = np.column_stack([2 * readings, np.full(len(readings), np.abs(readings).max())])
-        centres += [sphere_of(readings)[0]] if np.linalg.cond(design) < 100 else []
-    return [centre for centre in centres if (readings != centre).any(1).all()]
-
-
 def _matched(readings: Floats, expected: Floats, tolerance_deg: float, names: tuple[str, ...]) -> PlanMatch:
-    angles, same = _angles(readings, expected), _angles(expected, expected) < _SAME_DEG
-    candidates = [np.flatnonzero(same[row.argmin()]).tolist() if row.min() < tolerance_deg else [] for row in angles]
-    in_order, any_order = (_assigned(candidates, in_order=in_order) for in_order in (True, False))
-    explained = [(int((each >= 0).sum()), len(np.unique(each))) for each in (in_order, any_order)]
-    ordered = explained[0] >= explained[1]
-    return PlanMatch(in_order if ordered else any_order, angles.min(1), ordered, names, candidates)
-
-
-def _assigned(candidates: list[list[int]], *, in_order: bool) -> Integers:
     """The position of each interval among its candidates, which are equal for gravity: the first one after the last position,
     otherwise that position again; if not in order, the first one without an interval."""
-    positions, last = np.full(len(candidates), -1), -1
-    for interval, each in enumerate(candidates):
-        free = [k for k in each if (k > last if in_order else k not in positions)]
-        if free or not in_order or last in each:
-            last = (free or ([last] if in_order else each[-1:]) or [-1])[0]
-            positions[interval] = last
-    return positions
+    angles, same = _angles(readings, expected), _angles(expected, expected) < _SAME_DEG
+    candidates = [np.flatnonzero(same[row.argmin()]).tolist() if row.min() < tolerance_deg else [] for row in angles]
+    found = []
+    for in_order in (True, False):
+        positions, last = np.full(len(candidates), -1), -1
+        for interval, each in enumerate(candidates):
+            free = [k for k in each if (k > last if in_order else k not in positions)]
+            if free or not in_order or last in each:
+                last = (free or ([last] if in_order else each[-1:]) or [-1])[0]
+                positions[interval] = last
+        found.append(PlanMatch(positions, angles.min(1), in_order, names, candidates))
+    return max(found, key=lambda one: one.explained)
 
 
 def _angles(a: Floats, b: Floats) -> Floats:

@@ -2,9 +2,10 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain, islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,14 @@ from tumblecal.ground.decoding import damaged
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import opened
 from tumblecal.recordings.columns import is_number
+from tumblecal.recordings.formats.arrays import of_frame
 from tumblecal.recordings.memory import require_size
 from tumblecal.recordings.table import Reader, Source, Table, tables_of_arrays
 
 
-_SEEN, _WHOLE_SHARE = 1000, 0.8
-_MOST_KINDS, _MOST_ITEMS = 12, 32
-# Rows that are in memory as objects; Python's garbage collection is slow with more.
-_AT_ONCE = 2000
+# Rows that show the form; rows that are in memory as objects: Python's garbage collection is slow with more.
+_SEEN, _AT_ONCE = 1000, 2000
+_WHOLE_SHARE, _MOST_KINDS, _MOST_ITEMS = 0.8, 12, 32
 # Of each byte of a list of objects.
 _BYTES_IN_MEMORY = 10
 # Characters around the object of a line, also of a list with an object in each line.
@@ -31,14 +32,18 @@ _AROUND = " \t\r,[]\ufeff"
 _DECODER = json.JSONDecoder()
 
 Row = Mapping[str, Any]
-# The numbers and texts (or objects) of the rows from the first on, in pieces.
-Pieces = Callable[[], Iterable[Sequence[tuple[int, str | Row]]]]
 
 
 def _recognised(path: object, head: bytes) -> bool:
     text = head.decode("utf-8-sig", "replace").lstrip()
-    lines = text.splitlines()[:20]
-    return bool(re.match(r'(\[\s*)?\{\s*"[^"]*"\s*:', text)) or sum(map(_is_row, lines)) > _WHOLE_SHARE * len(lines)
+    return bool(re.match(r'(\[\s*)?\{\s*"[^"]*"\s*:', text)) or _are_rows(map(_row, text.splitlines()[:20]))
+
+
+def _are_rows(rows: Iterable[Row]) -> bool:
+    """Whether most rows are objects of values; the last one may be torn."""
+    columns = [_columns([row], _MOST_ITEMS) for row in rows]
+    good = [own for own in columns if own and not any(isinstance(value, list) for (value,) in own.values())]
+    return len(good) > max(0, _WHOLE_SHARE * (len(columns) - 1))
 
 
 def _columns(rows: Sequence[Row], most: int, before: str = "") -> dict[str, list]:
@@ -72,31 +77,27 @@ def _loaded(text: str) -> Any:
     return content
 
 
-def _row(given: str | Row) -> Row:
-    """The object of a row; empty for a line that is no object of values."""
-    if not isinstance(given, str):
-        return given
-    try:
-        row = _loaded(given.strip(_AROUND))
-    except (ValueError, RecursionError):
-        return {}
-    return row if isinstance(row, dict) else {}
+def _row(text: str) -> Row:
+    """The object of a line; empty for a line that is no object of values."""
+    with suppress(ValueError, RecursionError):
+        row = _loaded(text.strip(_AROUND))
+        return row if isinstance(row, dict) else {}
+    return {}
+
+
+def _lines(path: Path) -> Iterator[tuple[int, Row]]:
+    """The objects of the lines that are not blank, with their numbers."""
+    first = 1
+    for piece in pieces_of(path):
+        texts = enumerate(piece.decode("utf-8", "replace").split("\n"), first)
+        yield from ((number, _row(text)) for number, text in texts if text.strip(_AROUND))
+        first += piece.count(b"\n")
 
 
 def _read(source: Source) -> list[Table]:
     path = source.path
-
-    def lines() -> Iterator[Sequence[tuple[int, str | Row]]]:
-        first = 1
-        for piece in pieces_of(path):
-            texts = enumerate(piece.decode("utf-8", "replace").split("\n"), first)
-            if rows := [(number, text) for number, text in texts if text.strip(_AROUND)]:
-                yield rows
-            first += piece.count(b"\n")
-
-    first = [_is_row(text) for _, text in _first(lines)]
-    if sum(first) > max(0, _WHOLE_SHARE * (len(first) - 1)):
-        return _tables("", lines, "line")
+    if _are_rows(row for _, row in islice(_lines(path), _SEEN)):
+        return _tables("", _lines(path), "line")
     size = path.stat().st_size
     what = "objects of a list, or lists of an object,"
     require_size(path, what, _BYTES_IN_MEMORY * size, size, "write one object in each line")
@@ -106,72 +107,56 @@ def _read(source: Source) -> list[Table]:
             values = _columns([content if isinstance(content, dict) else {"": content}], 0)
         except (ValueError, RecursionError) as error:
             raise damaged(path, "JSON file", error) from error
-    tables, arrays = list[Table](), dict[str, np.ndarray]()
-    lists = {name: value for name, (value,) in values.items() if isinstance(value, list)}
-    of_objects = [name for name, own in lists.items() if own and all(isinstance(item, dict) for item in own)]
+    arrays = dict[str, np.ndarray]()
+    lists = {name: value for name, (value,) in values.items() if value and isinstance(value, list)}
+    of_objects = {name: own for name, own in lists.items() if all(isinstance(item, dict) for item in own)}
+    titles = {name: name * (len(of_objects) > 1) for name in of_objects}
+    tables = [
+        table for name, own in of_objects.items() for table in _tables(titles[name], enumerate(own, 1), "element")
+    ]
     for name, own in lists.items():
-        if name in of_objects:
-            tables += _tables(name * (len(of_objects) > 1), lambda own=own: [[*enumerate(own, 1)]], "element")
         with suppress(ValueError):  # lists of different lengths
-            arrays |= {name: np.array(own)} if own else {}
+            arrays[name] = np.array(own)
     if tables := tables or tables_of_arrays(arrays):
         return tables
     words = "JSON without samples; samples are read from one object a line, a list of objects, or an object of lists"
     raise InputError(f"{path}: {words}")
 
 
-def _is_row(text: str | Row) -> bool:
-    """Whether a line is an object of values."""
-    columns = _columns([_row(text)], _MOST_ITEMS)
-    return bool(columns) and not any(isinstance(value, list) for (value,) in columns.values())
+def _tables(title: str, rows: Iterator[tuple[int, Row]], row_word: str) -> list[Table]:
+    """A table for each kind of row: the word in a field such as `sensor`, or the names that other rows do not have."""
+    frames, word, some = dict[str, list[pl.DataFrame]](), "", list[str]()
+    while piece := list(islice(rows, _AT_ONCE)):
+        if not frames:
+            seen = [row for _, row in piece[:_SEEN] if row]
+            for name in seen[0] if seen else ():
+                texts = {value for row in seen if isinstance(value := row.get(name), str)}
+                if len(texts) <= _MOST_KINDS and sum(not is_number(text) for text in texts) > 1:
+                    word = word or name
+            every = dict.fromkeys(chain.from_iterable(seen))
+            # An object without one of the names is of the same kind as an object with all names.
+            if not any(len(row) == len(every) for row in seen):
+                some = [name for name in every if not all(name in row for row in seen)]
+        kinds = [
+            str(row.get(word, "")) if word else ", ".join(name for name in some if name in row) for _, row in piece
+        ]
+        new = [] if frames else [kind for kind, (_, row) in zip(kinds, piece, strict=True) if row]
+        for kind in frames or dict.fromkeys(new):
+            # A row that cannot be read may be of any kind.
+            own = [one for one, of_row in zip(piece, kinds, strict=True) if of_row == kind or not one[1]]
+            columns = _columns([row for _, row in own], _MOST_ITEMS)
+            numeric = {name for name, cells in columns.items() if any(isinstance(cell, int | float) for cell in cells)}
+            schema = {name: pl.Float64 if name in numeric else pl.String for name in columns}
+            places = pl.Series(ROW, [number for number, _ in own], pl.Int64)
+            frames.setdefault(kind, []).append(pl.DataFrame(columns, schema, strict=False).with_columns(places))
+    return [_table(title, kind, pl.concat(own, how="diagonal_relaxed"), row_word) for kind, own in frames.items()]
 
 
-def _first(pieces: Pieces) -> list[tuple[int, str | Row]]:
-    return list(islice(chain.from_iterable(pieces()), _SEEN))
-
-
-def _kinds(seen: Sequence[Row]) -> Callable[[Row], str]:
-    """The kind of a row: the word in a field such as `sensor`, or the names that other rows do not have."""
-    for name in seen[0]:
-        texts = {value for row in seen if isinstance(value := row.get(name), str)}
-        if len(texts) <= _MOST_KINDS and sum(not is_number(text) for text in texts) > 1:
-            return lambda row: str(row.get(name, ""))
-    every = dict.fromkeys(chain.from_iterable(seen))
-    # An object without one of the names is of the same kind as an object with all names.
-    one = any(len(row) == len(every) for row in seen)
-    some = [] if one else [name for name in every if not all(name in row for row in seen)]
-    return lambda row: ", ".join(name for name in some if name in row)
-
-
-def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
-    """A table for each kind of object."""
-    if not (first := [row for _, given in _first(pieces) if (row := _row(given))]):
-        return []
-    kind_of = _kinds(first)
-
-    def table(kind: str) -> Table:
-        own = _columns([row for row in first if kind_of(row) == kind], _MOST_ITEMS)
-        # A name that is only the letter of an axis gets the word of its kind as a prefix.
-        names = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for name in own}
-        numeric = {name for name, values in own.items() if any(isinstance(value, int | float) for value in values)}
-
-        def frame_of(piece: Sequence[tuple[int, str | Row]], schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame:
-            rows = [(line, row) for line, given in piece if not (row := _row(given)) or kind_of(row) == kind]
-            found, none = _columns([row for _, row in rows], _MOST_ITEMS), [None] * len(rows)
-            values = {column: found.get(names[column], none) for column in schema}
-            return pl.DataFrame(values, schema, strict=False).with_columns(
-                pl.Series(ROW, [line for line, _ in rows], pl.Int64)
-            )
-
-        def frames(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
-            schema = {column: pl.Float64 if names[column] in numeric else pl.String for column in columns}
-            for piece in pieces():
-                yield pl.concat([frame_of(piece[k : k + _AT_ONCE], schema) for k in range(0, len(piece), _AT_ONCE)])
-
-        words = f"JSON, {len(names)} columns"
-        return Table(" ".join(filter(None, (title, kind))), tuple(names), frames, words=words, row_word=row_word)
-
-    return [table(kind) for kind in dict.fromkeys(map(kind_of, first))]
+def _table(title: str, kind: str, frame: pl.DataFrame, row_word: str) -> Table:
+    # A name that is only the letter of an axis gets the word of its kind as a prefix.
+    frame = frame.rename({name: f"{kind}.{name}" for name in "xyz" if kind and name in frame.columns})
+    words = f"JSON, {frame.width - 1} columns"
+    return of_frame(" ".join(filter(None, (title, kind))), frame, words=words, row_word=row_word)
 
 
 READER = Reader("JSON", _recognised, _read, rank=1)

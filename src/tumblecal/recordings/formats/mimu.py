@@ -19,6 +19,11 @@ _PER_UNIT = {"a": 2048.0, "g": 16.4}
 _NAMES = [f"{kind}{axis}" for kind in "ag" for axis in "xyz"]
 
 
+def _numbers(frames: NDArray[np.uint8], first: int, stop: int | None, kind: str) -> NDArray[np.int64]:
+    """Some bytes of each frame as numbers."""
+    return np.ascontiguousarray(frames[:, first:stop]).view(kind).astype(np.int64)
+
+
 def _sizes(data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int64]:
     payload = data[places + 3].astype(np.int64)
     possible = (payload >= _TICKS + _OF_IMU) & ((payload - _TICKS) % _OF_IMU == 0)
@@ -26,8 +31,7 @@ def _sizes(data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int
 
 
 def _intact(frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    sums = frames[:, :-_CHECK].sum(1, dtype=np.uint32) & 0xFFFF
-    return sums == np.ascontiguousarray(frames[:, -_CHECK:]).view(">u2")[:, 0]
+    return frames[:, :-_CHECK].sum(1, dtype=np.int64) & 0xFFFF == _numbers(frames, -_CHECK, None, ">u2")[:, 0]
 
 
 def _frames(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -49,18 +53,20 @@ def _read(source: Source) -> list[Table]:
         source.damage.report(
             f"{outside} of {len(data)} bytes are outside complete frames with a correct checksum and are left out"
         )
-    ticks = np.ascontiguousarray(frames[:, _HEADER : _HEADER + _TICKS]).view(">u4")[:, 0].astype(np.int64)
-    time_s = np.concatenate([[0], np.cumsum(np.diff(ticks) % (1 << 32))]) / _TICKS_PER_S
-    values = np.ascontiguousarray(frames[:, _HEADER + _TICKS : -_CHECK]).view(">i2").reshape(len(frames), -1, 6)
+    ticks = _numbers(frames, _HEADER, _HEADER + _TICKS, ">u4")[:, 0]
+    time_s = np.cumsum(np.diff(ticks, prepend=ticks[0]) % (1 << 32)) / _TICKS_PER_S
+    values = _numbers(frames, _HEADER + _TICKS, -_CHECK, ">i2").astype(float)
+    columns = values.reshape(len(frames), -1, len(_NAMES)).transpose(1, 2, 0)
+    roles = {"time": "time_s"} | {name: f"{name}_counts" for name in _NAMES}
     return [
         of_arrays(
-            f"imu{k + 1}",
-            {"time": time_s} | dict(zip(_NAMES, values[:, k].T.astype(float), strict=True)),
-            roles={"time": "time_s"} | {name: f"{name}_counts" for name in _NAMES},
+            f"imu{number}",
+            {"time": time_s} | dict(zip(_NAMES, imu, strict=True)),
+            roles=roles,
             per_unit=_PER_UNIT,
             words=f"{len(frames)} frames",
         )
-        for k in range(values.shape[1])
+        for number, imu in enumerate(columns, start=1)
     ]
 
 

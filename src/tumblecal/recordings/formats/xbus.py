@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.decoding.fields import reading
 from tumblecal.capture.decoding.framing import Found, find
 from tumblecal.capture.decoding.sample_table import known_columns, table_of
-from tumblecal.capture.decoding.samples import Samples, joined
+from tumblecal.capture.decoding.samples import Floats, Samples, joined
 from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import counted
@@ -60,7 +60,7 @@ def _read(source: Source) -> list[Table]:
     return tables
 
 
-def _columns(samples: Samples, good: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
+def _columns(samples: Samples, good: NDArray[np.bool_]) -> dict[str, Floats]:
     table = table_of(samples[good])
     columns = {name: table[name] for name in table if name in known_columns(table) - {"counter", "status"}}
     if not np.isfinite(samples.clock).all():

@@ -87,11 +87,14 @@ class SignalBlocks:
         return np.minimum(np.append(self.row[1:], self.rows), self.cuts[self._stretch])
 
 
-def pieces_of(path: Path, columns: list[str]) -> Iterator[tuple[int, Floats]]:
-    """First row and numbers (n, columns) of each piece of a Parquet table."""
+def pieces_of(path: Path, columns: list[str], pad: int = 0) -> Iterator[tuple[slice, slice, Floats]]:
+    """The rows of each piece of a Parquet table; their places in the numbers that follow; and these numbers (n, columns), with
+    up to `pad` rows before and after the piece."""
     table, whole, _ = scan_parquet(path, check=False)
     for first in range(0, whole, _PIECE_ROWS):
-        yield first, table.slice(first, _PIECE_ROWS).select(columns).collect().to_numpy().astype(float)
+        before, count = min(pad, first), min(_PIECE_ROWS, whole - first)
+        rows = table.slice(first - before, before + count + pad).select(columns).collect().to_numpy()
+        yield slice(first, first + count), slice(before, before + count), rows.astype(float, copy=False)
 
 
 def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -> SignalBlocks:
@@ -101,47 +104,43 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
 
     - `channels`: columns, the three accelerations first. `timed`: whether there is a column `time_s`.
     """
-    rows = scan_parquet(path, check=False)[1]
+    rows, width = scan_parquet(path, check=False)[1], len(channels)
     fewest, longest_s = _SAMPLES, LONGEST_STEP_S
     if rate_hz * LONGEST_STEP_S < 1:
         fewest, longest_s = _SLOW_SAMPLES, SLOW_STEPS / rate_hz
     size = max(fewest, round(rate_hz / 10), -(-rows // _MOST_BLOCKS))
-    width = int(np.clip(size, *_JOIN_SAMPLES))
-    parts, cuts, outliers = list[tuple[NDArray, ...]](), list[NDArray](), list[NDArray]()
-    smallest = np.full(len(channels), np.inf)
-    # Rows from `base` on wait for later rows; blocks are complete up to the row `begin`.
-    waiting, base, begin = np.zeros((0, len(channels) + timed)), 0, 0
-    for first, piece in pieces_of(path, [*channels, *(["time_s"] if timed else [])]):
-        table = np.concatenate([waiting, piece])
+    near = int(np.clip(size, *_JOIN_SAMPLES))
+    columns, pad = [*channels, *(["time_s"] if timed else [])], max(size, near)
+    cuts, outliers, smallest = list[NDArray](), list[NDArray](), np.full(width, np.inf)
+    for piece, inside, table in pieces_of(path, columns, pad):
         # The smallest difference between distinct values, by channel; infinite for a single value.
-        sampled = piece[:_SAMPLED_ROWS, : len(channels)].T
+        sampled = table[inside][:_SAMPLED_ROWS, :width].T
         smallest = np.minimum(smallest, [np.diff(np.unique(column)).min(initial=np.inf) for column in sampled])
-        signal, alone = without_single_outliers(table[:, : len(channels)])
-        time_s = table[:, -1] if timed else (base + np.arange(len(table))) / rate_hz
-        steps = np.diff(time_s)
-        gaps = np.flatnonzero((steps < 0) | (steps > longest_s)) + 1
-        limit = len(table) - (0 if first + len(piece) == rows else width)
-        inside = np.union1d(_joins(signal[:, :3], _quantum(smallest, signal)[0], width), gaps)
-        inside = inside[(inside >= begin - base) & (inside < limit)].astype(int)
-        edges = np.concatenate([[begin - base], inside, [max(limit, begin - base)]])
-        at = np.concatenate([np.arange(a, b - size + 1, size) for a, b in pairwise(edges.tolist())])
-        cut = signal[at[:, None] + np.arange(size)]
-        mean = cut.mean(1)
+        signal, alone = without_single_outliers(table[:, :width])
+        found = _joins(signal[:, :3], _quantum(smallest, signal)[0], near)
+        if timed:
+            steps = np.diff(table[:, -1])
+            found = np.union1d(found, np.flatnonzero((steps < 0) | (steps > longest_s)) + 1)
+        cuts.append(found[(found >= inside.start) & (found < inside.stop)] - inside.start + piece.start)
+        outliers.append(np.flatnonzero(alone[inside]) + piece.start)
+    edges = np.unique(np.concatenate([[0], *cuts, [rows]])).astype(int)
+    row = np.concatenate([np.arange(a, b - size + 1, size) for a, b in pairwise(edges.tolist())] or [edges[:0]])
+    parts = list[tuple[NDArray, ...]]()
+    for piece, inside, table in pieces_of(path, columns, pad):
+        at = row[(row >= piece.start) & (row < piece.stop)] - piece.start + inside.start
+        cut = without_single_outliers(table[:, :width])[0][at[:, None] + np.arange(size)]
+        mean, force = cut.mean(1), cut[:, :, :3]
         deviation = cut - mean[:, None]
-        force = cut[:, :, :3]
         high, low = force.max(1), force.min(1)
         at_ends = np.hstack([(force == end[:, None]).sum(1) for end in (high, low)])
         squares = np.einsum("ijk,ijk->ik", deviation, deviation)
-        parts.append((mean, squares, np.hstack([high, -low]), at_ends, at + base, time_s[at]))
-        cuts.append(inside + base)
-        outliers.append(base + np.flatnonzero(alone[:limit]))
-        begin = base + int(edges[-2] + (edges[-1] - edges[-2]) // size * size)
-        keep = max(begin - base - width, 0)
-        waiting, base = table[keep:], base + keep
-    mean, squares, ends, at_ends, row, start_s = (np.concatenate(column) for column in zip(*parts, strict=True))
-    all_cuts, alone = (np.unique(np.concatenate(rows_of)) for rows_of in ([*cuts, [rows]], outliers))
-    quantum, unit = _quantum(smallest, mean), channels[0].rpartition("_")[2]
-    return SignalBlocks(size, rate_hz, rows, mean, squares, ends, at_ends, row, start_s, all_cuts, alone, quantum, unit)
+        times = table[at, -1] if timed else (at - inside.start + piece.start) / rate_hz
+        parts.append((mean, squares, np.hstack([high, -low]), at_ends, times))
+    mean, squares, ends, at_ends, start_s = (np.concatenate(column) for column in zip(*parts, strict=True))
+    alone, quantum, unit = np.concatenate(outliers), _quantum(smallest, mean), channels[0].rpartition("_")[2]
+    return SignalBlocks(
+        size, rate_hz, rows, mean, squares, ends, at_ends, row, start_s, edges[1:], alone, quantum, unit
+    )
 
 
 def _joins(force: Floats, quantum: float, width: int) -> Integers:

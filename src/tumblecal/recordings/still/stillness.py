@@ -11,7 +11,7 @@ from tumblecal.capture.decoding.samples import Floats
 from tumblecal.ground.gravity import STANDARD, unit_in_g
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.still.blocks import SignalBlocks
-from tumblecal.recordings.still.intervals import Interval, judged
+from tumblecal.recordings.still.intervals import ONE_ATTITUDE_G, Interval, judged
 from tumblecal.recordings.still.windows import ALLOWANCES, windows_of
 
 
@@ -20,7 +20,6 @@ _KNOCK_BLOCKS, _NEAR_KNOCK = 3, 3
 # A jump is at least this many times the median step in the rest of its run, since the tremble of hands differs.
 _STEPS_OF_RUN = 8.0
 _LEAST_FOR_LISTING = 0.3
-_ONE_ATTITUDE_DEG = 10.0
 # Parts (first block, block after the last) of an interval; the blocks between them are knocks.
 _Parts = list[tuple[int, int]]
 
@@ -60,7 +59,7 @@ class Stillness:
     def one_attitude(self) -> bool:
         """Whether all of them have about the same attitude, by the differences of their means, which no bias affects."""
         means = np.array([interval.mean for interval in self.used])
-        far = 2 * np.sin(np.radians(_ONE_ATTITUDE_DEG) / 2) / unit_in_g(self.blocks.unit, STANDARD)
+        far = ONE_ATTITUDE_G / unit_in_g(self.blocks.unit, STANDARD)
         return bool((np.linalg.norm(means - means[0], axis=1) < far).all())
 
     @property
@@ -97,7 +96,7 @@ def still_intervals(blocks: SignalBlocks, criterion: Criterion = Criterion()) ->
     moving = len(blocks) - sum(stop - start for run in runs for start, stop in run) > length
     intervals = [_interval(run, blocks, criterion, moving=moving) for run in runs]
     intervals = [interval for interval in intervals if interval.stop_s - interval.start_s > _LEAST_FOR_LISTING]
-    intervals, size_judged = judged(intervals, blocks, noise, length // 2)
+    intervals, size_judged = judged(intervals, blocks, noise)
     joins = sum(blocks.broken[run[0][0]] or run[0][0] == before[-1][1] for before, run in pairwise(runs))
     return Stillness(criterion, intervals, noise, windows.limits.dof, blocks, int(joins), size_judged)
 

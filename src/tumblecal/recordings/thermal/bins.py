@@ -11,14 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats, Integers
 from tumblecal.ground.precision import single_blas_thread
 from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import RecordedNoise
-from tumblecal.recordings.thermal.branches import branches_of_course
-from tumblecal.recordings.thermal.rounding import noise_before_rounding, rounding_sd
-from tumblecal.recordings.thermal.series import RATE, SQUARES, TEMPERATURE, ThermalSeries
+from tumblecal.recordings.thermal.series import SQUARES, ThermalSeries
+from tumblecal.recordings.thermal.temperature import RATE, TEMPERATURE, branches_of_course
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
 
 
@@ -32,6 +31,9 @@ _HIGHEST_ORDER, _CONTINUED = 5, 1.2
 # Rows whose lengths differ by less than this factor have one noise model.
 _SIMILAR = 4.0
 _LEAST_SD_G, _LEAST_WIDTH_DEGC = 1e-9, 1e-6
+_HARMONICS = np.arange(1, 200)
+# Variance of the harmonics beyond these, in squared steps, which matter only without noise.
+_REST = (np.pi**2 / 6 - (1 / _HARMONICS**2).sum()) / (2 * np.pi**2)
 
 
 def finest_of(series: Sequence[ThermalSeries]) -> float:
@@ -40,17 +42,17 @@ def finest_of(series: Sequence[ThermalSeries]) -> float:
     return max([_LEAST_WIDTH_DEGC, *(max(_STEPS * one.resolution, _SD * one.noise) for one in series)])
 
 
-def default_width(degc: NDArray[np.float64], series: Sequence[ThermalSeries]) -> float:
+def default_width(degc: Floats, series: Sequence[ThermalSeries]) -> float:
     """The width of a bin, degC: a fortieth of the range of temperatures, and at least `finest_of` recordings."""
     return max(float(np.ptp(degc)) / BINS, finest_of(series))
 
 
 def binned(series: ThermalSeries, bin_degc: float) -> tuple[ThermalTable, pl.DataFrame]:
     """The bins of a recording for bins of this width, degC; and its temperature with the branches (`branches_of_course`)."""
-    course = branches_of_course(series, bin_degc)
+    course = branches_of_course(series.course, series.cell_s, series.resolution, series.noise, bin_degc)
     cell = np.round((series.blocks["time_s"].to_numpy() - course["time_s"][0]) / series.cell_s).astype(int)
     blocks = series.blocks.hstack(course[cell].select("stretch", "soak", "branch", "direction", "reached_by"))
-    blocks = blocks.with_columns(row=row_of_blocks(blocks, bin_degc)).filter(pl.col("row") >= 0)
+    blocks = blocks.with_columns(row=_row_of_blocks(blocks, bin_degc)).filter(pl.col("row") >= 0)
     blocks = blocks.sort("row", maintain_order=True)
     row, degc = blocks["row"].to_numpy(), blocks[TEMPERATURE].to_numpy()
     starts = np.flatnonzero(np.diff(row, prepend=-1))
@@ -67,15 +69,15 @@ def binned(series: ThermalSeries, bin_degc: float) -> tuple[ThermalTable, pl.Dat
     # The thermometer's noise includes its rounding twice: that of the readings, and the least that is assumed for equal
     # readings. The rounding averages out over the steps that a row spans.
     span, step = np.maximum.reduceat(degc, starts) - np.minimum.reduceat(degc, starts), np.array([series.resolution])
-    noise = noise_before_rounding(step * np.sqrt(2), np.array([series.noise]))
-    rounding = rounding_sd(step, noise) / np.maximum(span / np.maximum(step, 1e-12), 1.0)
+    noise = _before_rounding(step * np.sqrt(2), np.array([series.noise]))
+    rounding = _rounding_sd(step, noise) / np.maximum(span / np.maximum(step, 1e-12), 1.0)
     of_mean = series.noise / np.sqrt(np.maximum(series.block_s * count / series.cell_s, 1.0))
     sd = np.hypot(sd, slope * np.hypot(rounding, of_mean)[:, None])
     table = table.hstack(pl.DataFrame(np.hstack([sd, n_eff]), [*SDS, *INDEPENDENT])).sort("time_s", maintain_order=True)
     return ThermalTable(table, series.source, series.comments), course
 
 
-def row_of_blocks(blocks: pl.DataFrame, bin_degc: float) -> NDArray[np.int64]:
+def _row_of_blocks(blocks: pl.DataFrame, bin_degc: float) -> Integers:
     """The row of each block: one for each stay, stretch and bin, or soak; -1 for a stay that is too short.
 
     A bin with too few blocks, or a fragment at the end of a stay, is joined with its neighbour in temperature.
@@ -105,7 +107,7 @@ def row_of_blocks(blocks: pl.DataFrame, bin_degc: float) -> NDArray[np.int64]:
     return row
 
 
-def _without_slope(blocks: pl.DataFrame, rows: pl.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _without_slope(blocks: pl.DataFrame, rows: pl.DataFrame) -> tuple[Floats, Floats]:
     """The readings of the blocks (blocks, 3), g, without the change with temperature within their row: that of a polynomial
     through the means of the attitude's rows, so that the noise within a row is not fitted; and its slope at each row (rows, 3),
     g/degC."""
@@ -126,9 +128,7 @@ def _without_slope(blocks: pl.DataFrame, rows: pl.DataFrame) -> tuple[NDArray[np
     return residual, slope
 
 
-def _uncertainty(
-    series: ThermalSeries, rows: Sequence[NDArray[np.float64]], within: np.ndarray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _uncertainty(series: ThermalSeries, rows: Sequence[Floats], within: np.ndarray) -> tuple[Floats, Floats]:
     """Standard deviations of the means, and numbers of independent samples.
 
     **Arguments:** `rows`: the blocks (blocks, 3) of each row. `within` (rows, 3): sums of their `SQUARES`.
@@ -137,14 +137,36 @@ def _uncertainty(
     # The noise within short rows does not determine that of means over long ones: rows of similar length have one model.
     similar = np.round(np.log(blocks) / np.log(_SIMILAR))
     sd, whole_s = np.zeros((len(rows), 3)), float(np.ptp(series.blocks["time_s"].to_numpy()))
-    for length in np.unique(similar):
-        of_length = np.flatnonzero(similar == length).tolist()
-        dwells = [rows[k] for k in of_length]
-        with single_blas_thread():
-            noise = RecordedNoise.of(dwells, 1 / series.block_s, whole_s)
-        sd[of_length] = sd_of_means(noise, dwells, None)
+    with single_blas_thread():
+        for length in np.unique(similar):
+            of_length = np.flatnonzero(similar == length).tolist()
+            dwells = [rows[k] for k in of_length]
+            sd[of_length] = sd_of_means(RecordedNoise.of(dwells, 1 / series.block_s, whole_s), dwells, None)
     freedom, samples = blocks[:, None] * (series.size - 1), blocks[:, None] * series.size
     usual = np.sqrt(np.sum(within, axis=0) / max(np.sum(freedom), 1))
-    sd = np.sqrt(sd**2 + rounding_sd(quantum, noise_before_rounding(quantum, usual)) ** 2)
+    sd = np.hypot(sd, _rounding_sd(quantum, _before_rounding(quantum, usual)))
     sd = np.maximum(sd, np.maximum(quantum / np.sqrt(12 * samples), _LEAST_SD_G))
     return sd, np.clip(np.maximum(within / freedom, quantum**2 / 12) / sd**2, 1.0, samples)
+
+
+def _rounding_sd(step: Floats, noise_sd: Floats) -> Floats:
+    """Root mean square error of the mean of readings that are rounded to multiples of a step, over all true values.
+
+    A noise of half a step dithers the rounding, and the error vanishes; without noise it is `step / sqrt(12)`. The error is the
+    Fourier series `sum of (-1)^k step / (pi k) exp(-2 pi^2 k^2 s^2 / step^2) sin(2 pi k x / step)` (Widrow and Kollar 2008,
+    Quantization Noise, chapter 9).
+
+    **Arguments:**
+
+    - `step`, `noise_sd`: of equal shape and unit; the noise before rounding. A step of 0 has no error.
+    """
+    ratio = noise_sd / np.where(step > 0, step, 1.0)
+    damping = np.exp(-4 * np.pi**2 * _HARMONICS**2 * ratio[..., None] ** 2) / _HARMONICS**2
+    rest = np.where(ratio < 1e-4, _REST, 0.0) * (step > 0)
+    return step * np.sqrt(damping.sum(-1) / (2 * np.pi**2) + rest)
+
+
+def _before_rounding(step: Floats, sample_sd: Floats) -> Floats:
+    """The noise of readings before rounding from their standard deviation s after it, by Sheppard's correction
+    `s^2 - step^2 / 12`; 0 if rounding explains it."""
+    return np.sqrt(np.maximum(sample_sd**2 - step**2 / 12, 0.0))

@@ -11,43 +11,33 @@ import numpy as np
 import polars as pl
 
 from tumblecal.capture.journal import JOURNAL_NAME
-from tumblecal.data.files import read_positions
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soak_numbers
 from tumblecal.recordings.options import KnownContext, RecordingOptions
-from tumblecal.recordings.own_tables import are_samples, own_columns, with_context
-from tumblecal.recordings.reduce import reduced
-from tumblecal.recordings.thermal.attitudes import grouped
-from tumblecal.recordings.thermal.branches import branches, stretches_of_temperature
+from tumblecal.recordings.own_tables import with_context
+from tumblecal.recordings.reduce import position_file, reduced
+from tumblecal.recordings.still.intervals import grouped
+from tumblecal.recordings.thermal.temperature import branches, stretches_of_temperature
 from tumblecal.recordings.thermal.thermal_table import INDEPENDENT, READINGS, SDS, ThermalTable
-
-
-_OF_MEANS = {"ax_sd_g", "ax_sd_mg", "ax_sd_ms2", "n"}
 
 
 def positions_of(
     path: Path, name: str, prefix: str, context: KnownContext, options: RecordingOptions, noise_sd: float | None
 ) -> ThermalTable | None:
     """The rows of a source with one row for each position, without branches: the folder of a capture, any table with `--means`,
-    or a table with angles, and with standard deviations of means (`ax_sd_g`), numbers of samples (`n`) or a stated noise. None
-    for a recording of samples.
+    or a table with angles. None for a recording of samples.
 
     **Arguments:** `name`: for labels; `prefix`: of labels of unknown attitudes. `noise_sd`: stated standard deviation of the
     readings, g; None: that of the columns.
 
     **Raises:** `InputError` for positions without temperatures, with impossible ones, or without standard deviations.
     """
-    names = own_columns(path)
-    if (path / JOURNAL_NAME).is_file():
-        data = reduced([path]).data
-    elif context.means and (options != RecordingOptions() or "position" not in names):
-        data = reduced([path], replace(context, table=None), options).data
-    elif context.means or ("alpha_deg" in names and (noise_sd is not None or names & _OF_MEANS)):
-        data = read_positions(path)
-        if are_samples(data) and not context.means:
+    captured = (path / JOURNAL_NAME).is_file()
+    data = None if captured else position_file(path, context, options)
+    if data is None:
+        if not (captured or context.means):
             return None
-    else:
-        return None
+        data = (reduced([path]) if captured else reduced([path], replace(context, table=None), options)).data
     data = with_context(data, context)
     if data.temperature_degc is None:
         raise InputError(f"{path}: column temperature_degc is missing; write the temperature of each position in degC")
@@ -95,6 +85,5 @@ def with_branches(table: ThermalTable, bin_degc: float) -> ThermalTable:
             elif len(run) > 2 and (np.diff(at) > 0).all():
                 rate[run] = np.gradient(warmth, at)
         found = branches(*stretches_of_temperature(degc, bin_degc), soak)
-        rows = rows.hstack(found).with_columns(branch=pl.format("{}:{}", "run", "branch"), rate_degc_per_s=rate)
-        parts.append(rows)
+        parts.append(rows.hstack(found).with_columns(branch=pl.format("{}:{}", "run", "branch"), rate_degc_per_s=rate))
     return replace(table, frame=pl.concat(parts))

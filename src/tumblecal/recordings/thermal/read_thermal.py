@@ -11,16 +11,15 @@ from tumblecal.capture.capture_plan import read_plan
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import counted
 from tumblecal.recordings.dwells.file_names import stems_of
-from tumblecal.recordings.dwells.file_places import places_by_table
 from tumblecal.recordings.dwells.join import notes_of
+from tumblecal.recordings.dwells.places import places_by_table
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.thermal.attitudes import grouped
+from tumblecal.recordings.still.intervals import grouped
 from tumblecal.recordings.thermal.bins import binned, default_width, finest_of
 from tumblecal.recordings.thermal.position_rows import positions_of, with_branches
-from tumblecal.recordings.thermal.read_series import read_series
-from tumblecal.recordings.thermal.series import ThermalSeries
+from tumblecal.recordings.thermal.series import ThermalSeries, read_series
 from tumblecal.recordings.thermal.thermal_table import READINGS, ThermalTable, joined
 
 

@@ -1,50 +1,110 @@
-"""The soaks of a guided run: requests a temperature and waits until it is stable."""
+"""The soaks of a guided run: a temperature is requested, of the operator or of a chamber, and waited for until it is stable.
 
+A chamber is on a serial line (or a socket), with commands in text, such as those of SCPI.
+"""
+
+import math
+import re
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from tumblecal.capture.capture_plan import RATE_FRACTION, CapturePlan, SoakTable
-from tumblecal.capture.chamber.chamber import Chamber
+from tumblecal.capture.capture_plan import OPERATOR, RATE_FRACTION, CapturePlan, ChamberTable, SoakTable
+from tumblecal.capture.decoding.samples import Entry
 from tumblecal.capture.journal import Journal
 from tumblecal.capture.port.live import Arrived
+from tumblecal.capture.port.transport import Port
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import checked
+from tumblecal.ground.text_file import shown
 
 
-OPERATOR = "operator"
+_TRIES, _POLL_S, _SET_WITHIN_DEGC = 3, 0.01, 0.11
+_TERMINATORS = {"LF": "\n", "CR": "\r", "CRLF": "\r\n"}
+# Answers outside are no temperature of a chamber, degC.
+_LOWEST_DEGC, _HIGHEST_DEGC = -200.0, 400.0
+_DEGC = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?:deg|°)?\s*C)?", re.IGNORECASE)
 # A rate needs this many readings; if they are rare, over a longer time.
 _FEWEST = 3
 # Seconds of the device's time from an answer of the chamber to the next query.
 _QUERY_S = 5.0
 
 
-# Options of a call, and keys of the plan.
-_CRITERION = {
-    "soak_tolerance": "tolerance_degc",
-    "soak_rate": "rate_degc_per_min",
-    "soak_minutes": "stable_min",
-    "soak_timeout": "timeout_min",
-}
+class Chamber:
+    """A chamber with commands in text; its port is opened again after a fault.
 
+    The public methods are called in a thread, one at a time, so they may wait. They raise `InputError` in one line if the
+    chamber does not answer or accept a temperature.
 
-def with_temperatures(plan: CapturePlan, chamber: str | None = None, **soak: float | None) -> CapturePlan:
-    """The plan with a chamber at a port (or the `operator`), and a criterion of a stable temperature; None: as in the plan.
+    **Arguments:**
 
-    **Raises:** `InputError` for a value that is not above 0, or for options that the plan does not need.
+    - `table`: port and commands. The `name`, in the journal and in messages, is that of the port.
     """
-    stated = {_CRITERION[name]: value for name, value in soak.items() if value is not None}
-    if (stated or chamber is not None) and not plan.over_temperature:
+
+    def __init__(self, table: ChamberTable):
+        self.name, self._table = table.url, table
+        self._port: Port | None = None
+
+    def set_temperature(self, degc: float) -> None:
+        """Request a temperature; the set point is read back if the table has a command for it."""
+        table, command = self._table, self._table.set.format(float(degc))
+        self._exchange(command)
+        read = self._exchange(table.set_query, table.set_query_field) if table.set_query else degc
+        if abs(read - degc) > _SET_WITHIN_DEGC:
+            raise InputError(
+                f"chamber {self.name}: the set point is {read:g} degC after {command!r}: correct its limits, or chamber.set "
+                "of the plan"
+            )
+
+    def temperature(self) -> float | None:
+        """The temperature of the chamber, degC; None, for a chamber of the user's, without a thermometer."""
+        return self._exchange(self._table.query, self._table.query_field)
+
+    def close(self) -> None:
+        """Release the port; the temperature remains set."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _exchange(self, command: str, field: int = 0) -> float:
+        """Send a command, and return the number at a field (from 1) of a line of the answer; NaN for a command without one."""
+        try:
+            if self._port is None:
+                self._port = Port(self.name, self._table.baud)
+                for first in self._table.start:
+                    self._answer(self._port, first, 0)
+            return self._answer(self._port, command, field)
+        except (InputError, OSError) as error:
+            self.close()
+            words = f"the line is interrupted ({error}); check cable and power" if isinstance(error, OSError) else error
+            raise InputError(f"chamber {self.name}: {words}") from error
+
+    def _answer(self, port: Port, query: str, field: int) -> float:
+        """The number in the answer to a query, which is repeated twice if there is none; NaN without a field."""
+        seen = ""
+        for _ in range(_TRIES):
+            # Answers to earlier commands are discarded.
+            port.read()
+            port.write((query + _TERMINATORS[self._table.terminator]).encode())
+            answer, late, late_s = b"", not field, time.monotonic() + self._table.timeout_s
+            if late:
+                return math.nan
+            while not late:
+                time.sleep(_POLL_S)
+                answer += port.read()
+                late = time.monotonic() >= late_s
+                lines = re.split(r"[\r\n]+", answer.decode(errors="replace"))
+                # The last line is unfinished, unless no more comes.
+                for line in filter(None, map(str.strip, lines if late else lines[:-1])):
+                    fields = re.split(r"[,;]|\s+(?=[-+.\d])", line)
+                    number = _DEGC.fullmatch(fields[field - 1].strip()) if len(fields) >= field else None
+                    if number and _LOWEST_DEGC <= float(number[1]) <= _HIGHEST_DEGC:
+                        return float(number[1])
+                    seen = line
         raise InputError(
-            "capture: the plan requests no temperature; remove --chamber and --soak-..., or add positions.temperature_degc"
+            f"{query!r}, asked {_TRIES} times, {shown(seen) if seen else 'nothing'} came: no temperature in degC at field "
+            f"{field}; check cable, baud rate ({self._table.baud}), terminator and query, and set the controller to degC"
         )
-    criterion = checked(Path("--soak-..."), plan.soak.model_dump() | stated, SoakTable)
-    url = plan.chamber.url if chamber is None else "" if chamber == OPERATOR else chamber
-    return plan.model_copy(update={"soak": criterion, "chamber": plan.chamber.model_copy(update={"url": url})})
 
 
 class Stability:
@@ -97,25 +157,28 @@ class Soak:
     """
 
     def __init__(self, plan: CapturePlan, journal: Journal, rate_hz: float, chamber: Chamber | None = None):
-        self._plan, self._journal = plan, journal
-        self._chamber, self._name = chamber, getattr(chamber, "name", OPERATOR)
+        self._plan, self._criterion, self._journal, self._chamber = plan, plan.soak, journal, chamber
+        self._name = chamber.name if chamber else OPERATOR
         self._thread, self._ask_at_s = ThreadPoolExecutor(1), 0.0
         self._answer: Future[float | None] | None = None
-        self._soak, self._began_s, self._waited_min = None, 0.0, 0.0
+        self._soak, self._began_min = None, 0.0
         # Temperatures of about a second are averaged.
         self._count, self._values, self._sensor = round(rate_hz), np.zeros(0), False
-        self.stability, self.requested = Stability(plan.soak, np.nan), dict[str, Any]()
+        self.stability, self.requested = Stability(plan.soak, np.nan), Entry()
         self.alarm, self.fault, self.waiting, self.left = "", "", False, False
+
+    @property
+    def _now_min(self) -> float:
+        return time.monotonic() * self._plan.port.speed / 60
 
     def begin(self, position: int) -> None:
         """Request the temperature of a position, unless it is there or already waited for."""
         wanted, soak = self._plan.steps[position].temperature_degc, self._plan.soaks[position]
-        criterion = self._plan.soak
         if wanted is not None and (soak != self._soak or self.left):
-            self._soak, self._began_s, self.waiting, self.left, self.alarm = soak, time.monotonic(), True, False, ""
-            self.stability = Stability(criterion, wanted + criterion.offset_degc)
+            self._soak, self._began_min, self.waiting, self.left, self.alarm = soak, self._now_min, True, False, ""
+            self.stability = Stability(self._criterion, wanted + self._criterion.offset_degc)
             self.requested = {"requested_degc": wanted, "chamber_degc": None}
-            self._write("soak", position=position, chamber=self._name, criterion=criterion.model_dump())
+            self._write("soak", position=position, chamber=self._name, criterion=self._criterion.model_dump())
             if self._chamber is not None:
                 self._answer = self._thread.submit(self._chamber.set_temperature, wanted)
 
@@ -129,18 +192,17 @@ class Soak:
             return
         if self._chamber is not None:
             self._ask(self._chamber)
-        self._waited_min = (time.monotonic() - self._began_s) * self._plan.port.speed / 60
         self._values = np.append(self._values, part.samples.temperature)
         if len(self._values) >= self._count:
             known, self._values = self._values[np.isfinite(self._values)], np.zeros(0)
             self._sensor |= len(known) > 0
-            if len(known):
-                self._follow(float(known.mean()))
-            elif not self._sensor and self.requested["chamber_degc"] is not None:
-                self._follow(self.requested["chamber_degc"])
-        if self.waiting and self._waited_min > self._plan.soak.timeout_min:
+            degc = float(known.mean()) if len(known) else None if self._sensor else self.requested["chamber_degc"]
+            if degc is not None:
+                self._follow(degc)
+        waited_min = self._now_min - self._began_min
+        if self.waiting and waited_min > self._criterion.timeout_min:
             raise InputError(
-                f"soak at {self.requested['requested_degc']:g} degC: not stable after {self._waited_min:.0f} min, {self.note}"
+                f"soak at {self.requested['requested_degc']:g} degC: not stable after {waited_min:.0f} min, {self.note}"
                 f"{self.alarm and f': {self.alarm}'}. The positions done are stored; correct it, then --resume"
             )
 
@@ -173,9 +235,11 @@ class Soak:
         """
         self._thread.shutdown()
         if self._chamber is not None:
-            with closing(self._chamber):
+            try:
                 if finished and self._plan.chamber.finish_degc is not None:
                     self._chamber.set_temperature(self._plan.chamber.finish_degc)
+            finally:
+                self._chamber.close()
 
     def _ask(self, chamber: Chamber) -> None:
         """Ask the chamber for its temperature when this is due, and read the answer when it is there."""
@@ -198,8 +262,8 @@ class Soak:
 
     def _follow(self, degc: float) -> None:
         """Judge a new temperature."""
-        seen, criterion = self.stability, self._plan.soak
-        seen.take(time.monotonic() * self._plan.port.speed / 60, degc)
+        seen, criterion = self.stability, self._criterion
+        seen.take(self._now_min, degc)
         far = degc - seen.target_degc
         if self.waiting and seen.stable_min >= criterion.stable_min:
             self._settled()
@@ -222,7 +286,7 @@ class Soak:
     def _settled(self, **content: object) -> None:
         """The temperature is stable, or accepted."""
         self.waiting, self.alarm = False, ""
-        self._write("soaked", **self.stability.known, waited_min=self._waited_min, **content)
+        self._write("soaked", **self.stability.known, waited_min=self._now_min - self._began_min, **content)
 
     def _write(self, entry: str, **content: object) -> None:
         self._journal.write(entry, soak=self._soak, **self.requested, **content)
