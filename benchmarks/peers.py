@@ -167,7 +167,9 @@ def simulated(rng: np.random.Generator, *, head: bool) -> tuple[PositionSet, np.
     readings = reading(turn.apply(force)) + 1e-4 * rng.normal(size=force.shape)
     comments = {} if head else {"attitudes": "hand"}
     free = rng.normal(size=(300, 3))
-    data = PositionSet.from_arrays(readings, alpha, beta, unit="deg", sd=np.full(readings.shape, 1e-4), comments=comments)
+    data = PositionSet.from_arrays(
+        readings, alpha, beta, unit="deg", sd=np.full(readings.shape, 1e-4), comments=comments
+    )
     return data, reading(free / np.linalg.norm(free, axis=1)[:, None])
 
 

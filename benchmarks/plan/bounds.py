@@ -9,7 +9,7 @@ import numpy as np
 from plan.promises import head
 from tumblecal.chain.head_ability import Times
 from tumblecal.ground.errors import InputError
-from tumblecal.plan.bounds import best_plan
+from tumblecal.plan.bound import best_plan
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.criterion import attitudes_in_use, in_use, of_parameters
 from tumblecal.plan.information import one_visit

@@ -24,15 +24,14 @@ from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.criterion import of_parameters
-from tumblecal.plan.effect_criteria import EffectsOfCells, naming_term
+from tumblecal.plan.effect_criteria import effects_of_cells, naming_term
 from tumblecal.plan.exchange import Term, exchange
 from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
 from tumblecal.plan.forecast.naming import Rates
 from tumblecal.plan.information import one_visit
-from tumblecal.plan.limits import Limits
+from tumblecal.plan.limits import Limits, schedule
 from tumblecal.plan.planned_rig import planned_rig
 from tumblecal.plan.responses import Responses, responses_of
-from tumblecal.plan.schedule import schedule
 
 
 ENTRIES = catalogue()
@@ -190,10 +189,11 @@ def random_head(rng: np.random.Generator) -> Head:
                 term = Term(((one_visit(responses), of_parameters("largest", responses)),))
             else:
                 wanted = str(rng.choice(["second_order.y", "third_order.z", "cross_coupling.z.xz"]))
-                term = naming_term(EffectsOfCells(rig, responses, np.zeros(0, int), FEW, 60.0), {wanted: 0.5})
+                effects = effects_of_cells(rig, responses.cells, FEW, 3600.0)
+                term = naming_term(effects, responses, np.zeros(0, int), {wanted: 0.5})
             limits = Limits(responses.cells, rig.ability.times, np.ones(len(responses.cells), bool), POSITIONS)
             chosen = exchange(limits, [term], restarts=1)
-            return Head(rig, responses, chosen.cells)
+            return Head(rig, responses, np.array(chosen.cells))
         except InputError:
             continue
 

@@ -8,11 +8,10 @@ import pytest
 from scipy.optimize import minimize
 
 from tumblecal.chain.head_ability import Times
-from tumblecal.plan.bounds import bounds
+from tumblecal.plan.bound import bounds
 from tumblecal.plan.criterion import of_parameters, weighted
 from tumblecal.plan.information import one_visit
-from tumblecal.plan.limits import Limits, in_order
-from tumblecal.plan.schedule import schedule
+from tumblecal.plan.limits import Limits, in_order, schedule
 
 
 FEW = np.r_[8:12, 25:28, 48:50, 64:66]

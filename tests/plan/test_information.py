@@ -9,8 +9,8 @@ from tumblecal import Problem, fit
 from tumblecal.chain.head_ability import Repeatability, SlowNoise, Times
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.information import uncertainties
+from tumblecal.plan.limits import schedule
 from tumblecal.plan.responses import responses_of
-from tumblecal.plan.schedule import schedule
 
 
 @pytest.fixture(scope="module")

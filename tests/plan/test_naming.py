@@ -14,9 +14,8 @@ from tumblecal.diagnosis.sets.explanation import verdict_of
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.effects import catalogue
 from tumblecal.ground.errors import InputError
-from tumblecal.plan.forecast.alias import ATTITUDES, error_in_use
 from tumblecal.plan.forecast.decisions import decisions
-from tumblecal.plan.forecast.effects_of_plan import effects_of_plan
+from tumblecal.plan.forecast.effects_of_plan import ATTITUDES, effects_of_plan
 from tumblecal.plan.forecast.naming import forecast_of
 
 
@@ -92,7 +91,7 @@ def test_error_in_use_is_that_of_a_fit_without_the_effect(plan):
         error[:, axis] -= moved[f"bias_{name}"] + moved[f"dK_{name}"] * ATTITUDES[:, axis]
     error[:, 1] -= moved["gamma_21"] * ATTITUDES[:, 0]
     error[:, 2] -= moved["gamma_31"] * ATTITUDES[:, 0] + moved["gamma_32"] * ATTITUDES[:, 1]
-    assert error_in_use(plan, EFFECT) == pytest.approx(error.ravel(), abs=1e-9)
+    assert plan.error_in_use(EFFECT) == pytest.approx(error.ravel(), abs=1e-9)
 
 
 def test_effects_that_cannot_be_forecast(plan):

@@ -2,6 +2,7 @@
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
-from tumblecal.plan.effect_criteria import EffectsOfCells, alias_term, naming_term
+from tumblecal.plan.effect_criteria import TERMS
 from tumblecal.plan.exchange import Selection
-from tumblecal.plan.forecast.alias import ATTITUDES
+from tumblecal.plan.forecast.effects_of_plan import ATTITUDES, effects_of_cells
 from tumblecal.plan.forecast.naming import hidden_on_head
 from tumblecal.plan.responses import responses_of
 
@@ -43,7 +44,17 @@ EFFECTS = ("gravity_value", "memory.x", "scale_asymmetry.x", "scale_asymmetry.z"
 def head():
     entries = {id: effect for id, effect in catalogue().items() if id in EFFECTS}
     rig = rig_of(tomllib.loads(RIG), Path("rig.toml"), *links_and_units(entries))
-    return EffectsOfCells(rig, responses_of(rig, cells_of(rig.ability)), np.zeros(0, int), entries, 60.0)
+    cells = cells_of(rig.ability)
+    return SimpleNamespace(
+        rig=rig,
+        entries=entries,
+        responses=responses_of(rig, cells),
+        effects=effects_of_cells(rig, cells, entries, 3600.0),
+    )
+
+
+def _term(head, kind, effects):
+    return TERMS[kind](head.effects, head.responses, np.zeros(0, int), effects)
 
 
 def _values(term, cells):
@@ -72,7 +83,7 @@ def _nominal(u):
 @pytest.mark.long
 def test_smallest_size_that_is_named(head, cells):
     """second_order.z: the largest of what detection and each separation need."""
-    term = naming_term(head, {"second_order.z": 0.5})
+    term = _term(head, "naming", {"second_order.z": 0.5})
     needed = _values(term, cells)
     u = _inputs(head)[cells]
     square = u[:, 2] ** 2 * 1e-3 / SD  # of 1 mg/g^2, in noise sd
@@ -92,8 +103,8 @@ def test_smallest_size_that_is_named(head, cells):
 
 
 def test_largest_error_in_use_at_the_detection_limit(head, cells):
-    value = Selection(None, [alias_term(head, ["second_order.z"])], cells).value
-    detected = _values(naming_term(head, {"second_order.z": 1.0}), cells)[0]  # mg/g^2
+    value = Selection(None, [_term(head, "alias", {"second_order.z": 1.0})], cells).value
+    detected = _values(_term(head, "naming", {"second_order.z": 1.0}), cells)[0]  # mg/g^2
     u = _inputs(head)[cells]
     fitted = np.linalg.lstsq(_nominal(u), u[:, 2] ** 2, rcond=None)[0]
     error = ATTITUDES[:, 2] ** 2 - _nominal(ATTITUDES) @ fitted
@@ -103,13 +114,13 @@ def test_largest_error_in_use_at_the_detection_limit(head, cells):
 @pytest.mark.parametrize("kind", ["naming", "alias"])
 def test_steps_are_those_of_new_measures(head, cells, kind):
     effects = {"third_order.x": 1.0}
-    term = naming_term(head, effects) if kind == "naming" else alias_term(head, effects)
+    term = _term(head, kind, effects)
     value = Selection(None, [term], cells)
     added, removed = value.if_changed(np.arange(8), 1), value.if_changed(cells, -1)
     assert added[7] == pytest.approx(Selection(None, [term], [*cells, 7]).value, rel=1e-8)
     assert removed[3] == pytest.approx(Selection(None, [term], np.delete(cells, 3)).value, rel=1e-8)
     value.add(7)
-    value.remove(int(cells[3]))
+    value.add(int(cells[3]), -1)
     assert value.cells == [*np.delete(cells, 3), 7]
     assert value.value == pytest.approx(Selection(None, [term], value.cells).value, rel=1e-8)
 
@@ -117,6 +128,6 @@ def test_steps_are_those_of_new_measures(head, cells, kind):
 def test_effects_that_positions_cannot_show(head):
     assert hidden_on_head(head.rig, ("gravity_value", "second_order.z"), head.entries) == ("gravity_value",)
     with pytest.raises(InputError, match="gravity_value: no positions of this head show it"):
-        naming_term(head, {"gravity_value": 1.0})
+        _term(head, "naming", {"gravity_value": 1.0})
     with pytest.raises(InputError, match="depends on the position before"):
-        naming_term(head, {"memory.x": 1.0})
+        _term(head, "naming", {"memory.x": 1.0})

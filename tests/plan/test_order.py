@@ -9,9 +9,9 @@ import pytest
 from tumblecal.chain.head_ability import HeadAbility, Repeatability, SlowNoise, Times
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
+from tumblecal.plan.limits import schedule
 from tumblecal.plan.order import best_order
 from tumblecal.plan.responses import Responses, Setting
-from tumblecal.plan.schedule import schedule
 
 
 SD, SCALE = 0.2e-3, 1e-3

@@ -11,9 +11,9 @@ from tumblecal.estimation.exact import fit
 from tumblecal.estimation.stated_model import StatedModel
 from tumblecal.plan.cells import cells_of
 from tumblecal.plan.information import uncertainties
+from tumblecal.plan.limits import schedule
 from tumblecal.plan.planned_rig import planned_rig
 from tumblecal.plan.responses import responses_of
-from tumblecal.plan.schedule import schedule
 from tumblecal.simulation.position_means import simulated
 
 

@@ -1,19 +1,19 @@
 """Bounds of plans that visit settings several times, the fewest remounts, and starts that exceed the limits."""
 
 from dataclasses import replace
-from itertools import pairwise, permutations
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tumblecal.plan.bounds import bounds
+from tumblecal.plan.bound import bounds
+from tumblecal.plan.cells import Cells
 from tumblecal.plan.criterion import of_parameters
 from tumblecal.plan.exchange import Term, exchange
 from tumblecal.plan.information import one_visit, uncertainties
-from tumblecal.plan.limits import Limits, in_order, most_visits, sittings_in_order
-from tumblecal.plan.schedule import schedule
+from tumblecal.plan.limits import Limits, in_order, schedule
 
 
 def value(responses, criterion, planned, ability):
@@ -40,7 +40,7 @@ def test_no_order_is_better_than_the_bound_of_several_visits(unsteady):
         limits = Limits(cells, ability.times, np.ones(80, bool), count)
         found = exchange(limits, [Term(((one_visit(responses), criterion),))], restarts=1)
         once = bounds(one_visit(responses), criterion, limits, found.cells).white
-        several = bounds(one_visit(responses, most=most_visits(limits)), criterion, limits, found.cells).white
+        several = bounds(one_visit(responses, most=limits.most_visits), criterion, limits, found.cells).white
         # A relaxation ends at 0.5 % of the value.
         assert several < 1.005 * once
         orders = [rng.choice(80, count, replace=False) for _ in range(100)]
@@ -61,7 +61,7 @@ def test_repeated_visits_can_be_better_than_one_visit_each(head, candidates):
     few = replace(few, pitch=replace(few.pitch, common=0.0, again=0.3), mount=replace(few.mount, common=0.0, again=0.0))
     criterion, every = of_parameters("largest", few), np.arange(24)
     limits = Limits(few.cells, ability.times, np.ones(24, bool), 24)
-    assert most_visits(limits) == (8, 1)
+    assert limits.most_visits == (8, 1)
     once = bounds(one_visit(few), criterion, limits, every).white
     several = bounds(one_visit(few, most=(8, 1)), criterion, limits, every).white
     one_each, eight_each = (
@@ -73,11 +73,13 @@ def test_repeated_visits_can_be_better_than_one_visit_each(head, candidates):
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.sets(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size=1, max_size=6))
-def test_temperatures_upwards_with_few_remounts(pairs):
-    def remounts(order):
-        return sum(first[1] != then[1] for first, then in pairwise(order))
-
-    least, found = sittings_in_order(frozenset(pairs))
-    upwards = [one for one in permutations(pairs) if [soak for soak, _ in one] == sorted(soak for soak, _ in pairs)]
-    assert found in upwards and remounts(found) == least <= min(map(remounts, upwards)) + 1
+@given(st.lists(st.integers(0, 99), min_size=1, max_size=12), st.none() | st.integers(0, 99))
+def test_each_setting_is_visited_once_and_temperatures_go_upwards(taken, present):
+    rows = [(90.0 * k, beta, mount) for mount in "AB" for beta in (-30.0, 0.0, 30.0, 60.0, 90.0) for k in range(5)]
+    cells = Cells.listed(rows * 2, np.repeat([0.0, 50.0], 50))
+    order = in_order(cells, taken, present)
+    assert sorted(order.tolist()) == sorted(taken)
+    for label in (cells.soak, cells.sitting, cells.group):
+        assert sum(one != other for one, other in pairwise(label[order])) == len({*label[order].tolist()}) - 1
+    soaks = dict.fromkeys(cells.soak[order].tolist())
+    assert [*soaks] == sorted(soaks, key=lambda one: (present is not None and one != cells.soak[present], one))

@@ -8,8 +8,8 @@ from scipy.stats import norm
 
 from tumblecal.data import PositionSet
 from tumblecal.plan.next.conditions import candidates, continued
-from tumblecal.plan.next.posterior import Posterior
-from tumblecal.plan.next.promise import promise_of
+from tumblecal.plan.next.rows import Posterior
+from tumblecal.plan.next.separating import promise_of
 
 
 def measured(time=True, temperature=None):

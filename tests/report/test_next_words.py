@@ -4,11 +4,9 @@ from types import SimpleNamespace as Record
 
 from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.plan.next.conditions import Conditions
-from tumblecal.plan.next.confirming import Confirmation
-from tumblecal.plan.next.next_plan import SEPARATE, SHARPEN, SHARPEN_WEAKEST
-from tumblecal.plan.next.promise import Promise
-from tumblecal.plan.next.proposals import NextPosition
-from tumblecal.plan.next.sampling import SAMPLE
+from tumblecal.plan.next.next_plan import SEPARATE, SHARPEN, SHARPEN_WEAKEST, Confirmation
+from tumblecal.plan.next.proposals import SAMPLE, NextPosition
+from tumblecal.plan.next.separating import Promise
 from tumblecal.planning import NextPlan
 from tumblecal.show.next_plan import next_words
 

@@ -9,19 +9,17 @@ import pytest
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.plan import grid
 from tumblecal.chain.rig import Rig
-from tumblecal.plan.bounds import Bounds
-from tumblecal.plan.candidates import Evaluated
+from tumblecal.plan.bound import Bounds
 from tumblecal.plan.cells import Cells, Positions
 from tumblecal.plan.criterion import Criterion, Part
-from tumblecal.plan.design import DesignedPlan
+from tumblecal.plan.designed_plan import DesignedPlan, Evaluated, Found
 from tumblecal.plan.forecast.record import Alias, EffectForecast, NamingForecast
 from tumblecal.plan.information import Uncertainties
+from tumblecal.plan.limits import Schedule
 from tumblecal.plan.order import Ordered
 from tumblecal.plan.plan_files import capture_files
 from tumblecal.plan.request import Wanted
 from tumblecal.plan.responses import Responses, Setting
-from tumblecal.plan.schedule import Schedule
-from tumblecal.plan.search import Found
 from tumblecal.show.plan import plan_lines, words_of_plan
 
 

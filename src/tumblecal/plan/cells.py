@@ -1,9 +1,9 @@
 """Cells that a position of a plan may occupy: a spindle angle, a pitch setting, a mounting, a temperature."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, product
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,8 +13,10 @@ from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.plan import Plan
 
 
-# A sitting: number of the temperature, and of the mounting.
-Sitting = tuple[int, int]
+# Numbers of cells.
+Numbers = Int[np.ndarray, "*n positions"]
+# A number for each cell, equal for cells that are equal in one respect.
+Labels = Int[np.ndarray, " cells"]
 
 
 @dataclass(frozen=True)
@@ -27,10 +29,8 @@ class Cells:
     temperature_degc: Float[np.ndarray, " cells"] | None = None
 
     @classmethod
-    def listed(
-        cls, rows: Sequence[tuple[float, float, str]], temperature_degc: Sequence[float] | np.ndarray | None = None
-    ) -> "Cells":
-        """Cells from their angles and mounting."""
+    def listed(cls, rows: Iterable[tuple], temperature_degc: Sequence[float] | np.ndarray | None = None) -> "Cells":
+        """Cells from their spindle angle, pitch setting and mounting."""
         alpha, beta, mounts = zip(*rows, strict=True)
         degc = None if temperature_degc is None else np.array(temperature_degc, float)
         return cls(np.array(alpha, float), np.array(beta, float), mounts, degc)
@@ -38,28 +38,21 @@ class Cells:
     def __len__(self) -> int:
         return len(self.alpha_deg)
 
-    def chosen(self, numbers: Int[np.ndarray, " chosen"]) -> "Cells":
-        """Some of the cells, in this order."""
-        degc = None if self.temperature_degc is None else self.temperature_degc[numbers]
-        return Cells(self.alpha_deg[numbers], self.beta_deg[numbers], tuple(self.mounts[k] for k in numbers), degc)
+    @property
+    def rows(self) -> list[tuple]:
+        """Spindle angle, pitch setting and mounting of each cell."""
+        return list(zip(self.alpha_deg.tolist(), self.beta_deg.tolist(), self.mounts, strict=True))
 
-    def joined(self, *others: "Cells") -> "Cells":
-        """These cells followed by others; temperatures only if all have them."""
-        every = (self, *others)
-        alpha, beta = (
-            np.concatenate(each) for each in zip(*((one.alpha_deg, one.beta_deg) for one in every), strict=True)
-        )
-        degc = [one.temperature_degc for one in every if one.temperature_degc is not None]
-        mounts = tuple(chain.from_iterable(one.mounts for one in every))
-        return Cells(alpha, beta, mounts, np.concatenate(degc) if len(degc) == len(every) else None)
+    def chosen(self, numbers: Numbers) -> "Cells":
+        """Some of the cells, in this order."""
+        degc = self.temperature_degc
+        mounts = tuple(self.mounts[k] for k in numbers)
+        return Cells(self.alpha_deg[numbers], self.beta_deg[numbers], mounts, None if degc is None else degc[numbers])
 
     def plan(self, names: Sequence[str], time_s: Float[np.ndarray, " cells"] | None) -> Plan:
         """The positions of a rig in these cells."""
-        alpha, beta, degc, time = (
-            None if column is None else tuple(column.tolist())
-            for column in (self.alpha_deg, self.beta_deg, self.temperature_degc, time_s)
-        )
-        assert alpha is not None and beta is not None
+        time, degc = (None if each is None else tuple(each.tolist()) for each in (time_s, self.temperature_degc))
+        alpha, beta = tuple(self.alpha_deg.tolist()), tuple(self.beta_deg.tolist())
         return Plan(tuple(names), alpha, beta, self.mounts, ("1",) * len(self), time_s=time, temperature_degc=degc)
 
     @cached_property
@@ -69,41 +62,35 @@ class Cells:
         return settings(alpha, beta, mount=self.mounts, temperature_degc=self.temperature_degc)
 
     @cached_property
-    def mounting(self) -> Int[np.ndarray, " cells"]:
-        """Number of the mounting of each cell."""
-        order = {label: k for k, label in enumerate(dict.fromkeys(self.mounts))}
-        return np.array([order[label] for label in self.mounts], int)
+    def mounting(self) -> Labels:
+        """Number of the mounting, in the order in which they are listed first."""
+        order = list(dict.fromkeys(self.mounts))
+        return np.array([order.index(label) for label in self.mounts], int)
 
     @cached_property
-    def pitch(self) -> Int[np.ndarray, " cells"]:
-        """Number of the pitch setting of each cell, by increasing angle."""
-        return np.unique(np.round(self.beta_deg, 9), return_inverse=True)[1].ravel()
+    def pitch(self) -> Labels:
+        """Number of the pitch setting, by increasing angle."""
+        return _numbered(np.round(self.beta_deg, 9))
 
     @cached_property
-    def soak(self) -> Int[np.ndarray, " cells"]:
-        """Number of the temperature of each cell, by increasing temperature."""
-        degc = np.zeros(len(self)) if self.temperature_degc is None else self.temperature_degc
-        return np.unique(degc, return_inverse=True)[1].ravel()
+    def soak(self) -> Labels:
+        """Number of the temperature, by increasing temperature."""
+        return np.zeros(len(self), int) if self.temperature_degc is None else _numbered(self.temperature_degc)
 
     @cached_property
-    def sittings(self) -> list[Sitting]:
-        """Temperature and mounting of each cell, by their numbers."""
-        return list(zip(self.soak.tolist(), self.mounting.tolist(), strict=True))
-
-    @cached_property
-    def setting(self) -> Int[np.ndarray, " cells"]:
+    def setting(self) -> Labels:
         """Number of the combination of mounting and pitch setting."""
-        return _combined(self.mounting, self.pitch)
+        return _numbered(self.mounting, self.pitch)
 
     @cached_property
-    def sitting(self) -> Int[np.ndarray, " cells"]:
-        """Number of the combination of temperature and mounting."""
-        return _combined(self.soak, self.mounting)
+    def sitting(self) -> Labels:
+        """Number of the combination of temperature and mounting, in measuring order: mountings there and back."""
+        return _numbered(self.soak, np.where(self.soak % 2, -self.mounting, self.mounting))
 
     @cached_property
-    def group(self) -> Int[np.ndarray, " cells"]:
-        """Number of the combination of temperature, mounting and pitch setting."""
-        return _combined(self.sitting, self.pitch)
+    def group(self) -> Labels:
+        """Number of the combination with the pitch setting, in measuring order: pitch settings there and back."""
+        return _numbered(self.sitting, np.where(self.sitting % 2, -self.pitch, self.pitch))
 
 
 @dataclass(frozen=True)
@@ -120,8 +107,8 @@ class Positions:
 
     def at_each(self, temperatures_degc: Sequence[float]) -> "Positions":
         """All positions at each temperature, every second time in the reverse order: the mounting stays when it changes."""
-        once = np.arange(len(self.cells))
-        rows = np.concatenate([once[:: -1 if k % 2 else 1] for k in range(len(temperatures_degc))])
+        once, count = np.arange(len(self.cells)), len(temperatures_degc)
+        rows = np.concatenate([once[:: -1 if k % 2 else 1] for k in range(count)])
         degc = np.repeat(np.array(temperatures_degc, float), len(once))
         return replace(self, cells=replace(self.cells.chosen(rows), temperature_degc=degc))
 
@@ -129,11 +116,10 @@ class Positions:
 def cells_of(ability: HeadAbility) -> Cells:
     """Every spindle angle at every pitch setting, mounting and temperature that a head can set."""
     degc = ability.temperatures_degc
-    listed = list(product(degc or (0.0,), ability.mounts, ability.beta_deg, ability.alpha_deg))
-    rows = [(alpha, beta, mount) for _, mount, beta, alpha in listed]
-    return Cells.listed(rows, [one[0] for one in listed] if degc else None)
+    once = [(alpha, beta, mount) for mount, beta, alpha in product(ability.mounts, ability.beta_deg, ability.alpha_deg)]
+    return Cells.listed(once * max(1, len(degc)), np.repeat(degc, len(once)) if degc else None)
 
 
-def _combined(first: Int[np.ndarray, " cells"], second: Int[np.ndarray, " cells"]) -> Int[np.ndarray, " cells"]:
-    """Number of each combination of two numbers."""
-    return np.unique(np.stack([first, second], axis=1), axis=0, return_inverse=True)[1].ravel()
+def _numbered(*labels: np.ndarray) -> Labels:
+    """Number of each combination of some labels, in sorted order."""
+    return np.unique(np.stack(labels, axis=1), axis=0, return_inverse=True)[1].ravel()

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.estimation.visits import visit_precision
 from tumblecal.noise.of_head import slow_covariance
+from tumblecal.plan.limits import Schedule
 from tumblecal.plan.responses import Responses
-from tumblecal.plan.schedule import Schedule
 
 
 # Standard deviation of a wide prior, in those that one dwell gives: in a search, whose updates must keep digits, in a result.
@@ -24,6 +24,9 @@ _SEEN = 0.1
 # A parameter with more than this share in a direction without a bound is undetermined, and one with a larger standard
 # uncertainty in its scale: 1 rad, 1 g, 100 %.
 _SHARE, _MEANINGLESS = 1e-3, 1e3
+
+Square = Float[np.ndarray, "*n all all"]
+Covariance = Float[np.ndarray, "*n shared shared"]
 
 
 @dataclass(frozen=True)
@@ -35,20 +38,20 @@ class Information:
     """
 
     columns: Float[np.ndarray, "*n cells 3 all"]
-    information: Float[np.ndarray, "*n all all"]
+    information: Square
 
     def rows(self, cells: Sequence[int] | np.ndarray) -> Float[np.ndarray, "*proposals rows all"]:
         """Rows of some cells, one under another, or of each of several lists of cells."""
         chosen = self.columns[np.asarray(cells, int)]
         return chosen.reshape(*chosen.shape[:-3], -1, chosen.shape[-1])
 
-    def information_with(self, cells: Sequence[int] | np.ndarray) -> Float[np.ndarray, "all all"]:
+    def information_with(self, cells: Sequence[int] | np.ndarray) -> Square:
         """Information after positions in some cells; one that is listed twice is measured twice."""
         rows = self.rows(cells)
         return self.information + rows.T @ rows
 
 
-def covariance_of(information: Float[np.ndarray, "*n all all"]) -> Float[np.ndarray, "*n all all"]:
+def covariance_of(information: Square) -> Square:
     """Covariance of all parameters, or of each of several; scaled to a unit diagonal for accuracy."""
     size = 1 / np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
     scale = size[..., :, None] * size[..., None, :]
@@ -66,21 +69,21 @@ class LinearModel(Information):
     names: tuple[str, ...]
     free: Float[np.ndarray, " all"]
 
-    def shared(self, information: Float[np.ndarray, "*n all all"]) -> Float[np.ndarray, "*n shared shared"]:
+    def shared(self, information: Square) -> Covariance:
         """Covariance of the shared parameters (scaled) for an information matrix, or for each of several."""
         return covariance_of(information)[..., : len(self.names), : len(self.names)]
 
-    def covariance(self, positions: Sequence[int] | np.ndarray) -> Float[np.ndarray, "shared shared"]:
+    def covariance(self, positions: Sequence[int] | np.ndarray) -> Covariance:
         """Covariance of the shared parameters (scaled) after some positions."""
         return self.shared(self.information_with(positions))
 
-    def free_directions(self, covariance: Float[np.ndarray, "some some"]) -> Float[np.ndarray, "some directions"]:
+    def free_directions(self, covariance: Square) -> Float[np.ndarray, "some directions"]:
         """Combinations of the first parameters, each over its free standard deviation, that their covariance does not bound."""
         size = np.sqrt(self.free[: len(covariance)])
         variances, directions = np.linalg.eigh(covariance / np.outer(size, size))
         return directions[:, variances > _SEEN]
 
-    def unbounded(self, covariance: Float[np.ndarray, "shared shared"]) -> tuple[str, ...]:
+    def unbounded(self, covariance: Covariance) -> tuple[str, ...]:
         """Shared parameters that a covariance does not determine."""
         share = np.linalg.norm(self.free_directions(covariance), axis=1)
         lost = (share > _SHARE) | (np.diag(covariance) > _MEANINGLESS**2)
@@ -90,17 +93,15 @@ class LinearModel(Information):
         """Shared parameters that some positions do not determine; omitted: that all together do not."""
         return self.unbounded(self.covariance(np.arange(len(self.columns)) if positions is None else positions))
 
-    def with_all(
-        self, slow: Float[np.ndarray, "*n positions positions"] | None = None
-    ) -> Float[np.ndarray, "*n all all"]:
+    def with_all(self, slow: Float[np.ndarray, "*n positions positions"] | None = None) -> Square:
         """Information after all positions, or after each of several lists of positions.
 
         **Arguments:** `slow`: covariance of the means on each axis in addition to white noise of one; omitted: none.
         """
-        rows = weighted = self.columns
-        *lead, count, _, parameters = rows.shape
+        *lead, count, _, parameters = self.columns.shape
+        rows = weighted = self.columns.reshape(*lead, count, -1)
         if slow is not None:
-            weighted = np.linalg.solve(slow + np.eye(count), rows.reshape(*lead, count, -1))
+            weighted = np.linalg.solve(slow + np.eye(count), rows)
         flat, weighted = (each.reshape(*lead, 3 * count, parameters) for each in (rows, weighted))
         return self.information + flat.swapaxes(-1, -2) @ weighted
 
@@ -116,11 +117,11 @@ def scheduled_model(
     - `most`: visits of each setting that one number includes: the errors of n visits, each of variance s^2, have at least the
       covariance of one error of variance s^2 / n that all positions share (by the Cauchy-Schwarz inequality).
     """
-    cells, columns = planned.cells, responses.columns / responses.sd
-    free = [(wide / _largest(columns)) ** 2]
-    columns, blocks = [columns[cells]], [responses.information + np.diag(1 / free[0])]
-    labels, visits = (responses.cells.pitch, responses.cells.mounting), (planned.pitch_visit, planned.mount_visit)
-    for setting, label, visit, number in zip((responses.pitch, responses.mount), labels, visits, most, strict=True):
+    cells, white = planned.cells, responses.columns / responses.sd
+    free = [(wide / _largest(white)) ** 2]
+    columns, blocks = [white[cells]], [responses.information + np.diag(1 / free[0])]
+    visits = planned.pitch_visit, planned.mount_visit
+    for (setting, label), visit, number in zip(responses.settings, visits, most, strict=True):
         if setting.exact:
             continue
         again, unit = setting.again / np.sqrt(number), setting.columns / responses.sd
@@ -128,22 +129,20 @@ def scheduled_model(
         visit = label[cells] if setting.common and not again else visit
         count, unbounded = int(visit.max()) + 1, wide / float(np.max(_largest(unit)))
         # Numbers that no visit of a list has are settings of their own.
-        settings = np.tile(-1 - np.arange(count), (*visit.shape[:-1], 1))
-        np.put_along_axis(settings, visit, label[cells], axis=-1)
-        precision = visit_precision(setting.common, again, settings)
+        of_visit = np.tile(-1 - np.arange(count), (*visit.shape[:-1], 1))
+        np.put_along_axis(of_visit, visit, label[cells], axis=-1)
+        precision = visit_precision(setting.common, again, of_visit)
         if setting.common is None:
             precision = precision + np.eye(count) / unbounded**2
-        here = visit[..., None, None] == np.arange(count)
-        for component in range(unit.shape[2]):
-            columns.append(unit[cells][..., component, None] * here)
-            blocks.append(precision)
-            free.append(np.full(count, unbounded**2))
+        here, components = visit[..., None, None] == np.arange(count), np.moveaxis(unit[cells], -1, 0)
+        columns += [component[..., None] * here for component in components]
+        blocks += [precision] * len(components)
+        free += [np.full(count, unbounded**2)] * len(components)
     whole, end = np.concatenate(columns, axis=-1), 0
     information = np.zeros((*cells.shape[:-1], whole.shape[-1], whole.shape[-1]))
     for block in blocks:
         own = np.s_[end : end + block.shape[-1]]
-        information[..., own, own] = block
-        end = own.stop
+        information[..., own, own], end = block, own.stop
     return LinearModel(whole, information, responses.names, np.concatenate(free))
 
 
@@ -159,21 +158,17 @@ def one_visit(
 
     - `measured`: cells that are measured already, in visits of their own.
     - `most`: the model of up to so many visits of each pitch setting in a mounting, and of each mounting, those of `measured`
-      included: a bound of every order. A change of the temperature sets nothing again, and the last visits are continued.
+      included: a bound of every order. A change of the temperature sets nothing again.
     """
     cells, kept = responses.cells, np.asarray(measured, int)
-    count, several = len(cells), most is not None
-    again = cells.sitting if len(set(cells.mounts)) > 1 and not several else cells.mounting
-    visits = list[np.ndarray]()
-    for label in (cells.setting if several else cells.group, again):
-        visit = np.concatenate([label, int(label.max()) + 1 + label[kept]])
-        if several and len(kept):
-            visit[:count][label == label[kept[-1]]] = visit[-1]
-        visits.append(np.unique(visit, return_inverse=True)[1].ravel())
-    every = np.concatenate([np.arange(count), kept])
+    labels = (cells.group, cells.sitting if len(set(cells.mounts)) > 1 else cells.mounting)
+    labels = labels if most is None else (cells.setting, cells.mounting)
+    visits = [np.append(label, label[kept] + (label.max() + 1 if most is None else 0)) for label in labels]
+    visits = [np.unique(visit, return_inverse=True)[1] for visit in visits]
+    every = np.append(np.arange(len(cells)), kept)
     both = scheduled_model(responses, Schedule(every, 0.0 * every, 0.0, *visits), SEARCHED, most or (1, 1))
-    information = both.information_with(count + np.arange(len(kept)))
-    return replace(both, columns=both.columns[:count], information=information)
+    information = both.information_with(np.arange(len(cells), len(every)))
+    return replace(both, columns=both.columns[: len(cells)], information=information)
 
 
 def _largest(columns: Float[np.ndarray, "cells 3 parameters"]) -> Float[np.ndarray, " parameters"]:
@@ -194,18 +189,18 @@ class Uncertainties:
     names: tuple[str, ...]
     scales: Float[np.ndarray, " shared"]
     sd: Float[np.ndarray, " shared"]
-    covariance: Float[np.ndarray, "shared shared"]
+    covariance: Covariance
     bounded: bool = True
-
-    @property
-    def determined(self) -> tuple[str, ...]:
-        """Parameters that are determined."""
-        return tuple(name for name, sd in zip(self.names, self.sd, strict=True) if not np.isinf(sd))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Parameters that are not determined."""
-        return tuple(name for name in self.names if name not in self.determined)
+        return tuple(name for name, sd in zip(self.names, self.sd, strict=True) if np.isinf(sd))
+
+    @property
+    def determined(self) -> tuple[str, ...]:
+        """Parameters that are determined."""
+        return tuple(name for name in self.names if name not in self.undetermined)
 
 
 def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility) -> Uncertainties:

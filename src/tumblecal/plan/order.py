@@ -6,29 +6,24 @@ and Inference 124). Many changes of an order are evaluated at once, and the best
 stretch of positions moved or reversed.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.of_head import tabulated_covariance
+from tumblecal.plan.cells import Labels, Numbers
 from tumblecal.plan.criterion import Criterion
 from tumblecal.plan.information import SEARCHED, scheduled_model, uncertainties
-from tumblecal.plan.limits import in_order
+from tumblecal.plan.limits import Schedule, in_order, schedule
 from tumblecal.plan.responses import Responses
-from tumblecal.plan.schedule import Schedule, schedule
 
 
 Kind = Literal["best", "random", "keep"]
-# Numbers of cells.
-Order = Int[np.ndarray, " positions"]
-Objective = Callable[[Int[np.ndarray, "n positions"]], Float[np.ndarray, " n"]]
-
-
 # Exponent of the duration in the objective. Without a limit a longer order must pay: repeating a measurement reduces all
 # standard deviations by the square root of the time. With a limit time up to it is free, but not wasted on negligible gains.
 _PRICE, _PRICE_WITHIN_LIMIT = 0.5, 0.02
@@ -36,8 +31,8 @@ _PRICE, _PRICE_WITHIN_LIMIT = 0.5, 0.02
 _TRIED, _PATIENCE, _GAIN = 48, 12, 1e-5
 # Evaluations of a search are limited to so many, divided by the number of positions.
 _EFFORT = 150_000
-# Shares of the exchanges within a pitch setting, and of the stretches that are whole visits.
-_WITHIN, _VISITS = 0.75, 0.75
+# Share of the exchanges within a pitch setting, and of the stretches that are whole visits.
+_WITHIN = 0.75
 
 
 @dataclass(frozen=True)
@@ -54,7 +49,7 @@ def best_order(
     responses: Responses,
     ability: HeadAbility,
     criterion: Criterion,
-    cells: Order,
+    cells: Numbers,
     *,
     minutes: float | None = None,
     seed: int = 0,
@@ -74,22 +69,47 @@ def best_order(
 
     **Raises:** `InputError` if the positions need more than `minutes`.
     """
-    rng, given = np.random.default_rng(seed), np.asarray(cells, int)
-    of, present = responses.cells, int(measured[-1]) if len(measured) else None
-    shortest, random = in_order(of, given, present), in_order(of, given, present, rng)
-    if kind == "keep" or len(given) < 2:
-        order = given
-    elif kind == "random":
-        late = minutes is not None and schedule(of, random, ability.times, measured).minutes > minutes
-        order = shortest if late else random
-    else:
-        mirrored = [_mirrored(of.group, one, rng) for one in (random, given)]
-        starts = list({tuple(one.tolist()): one for one in (given, shortest, *mirrored)}.values())
-        order = _searched(
-            _objective(responses, ability, criterion, minutes, measured, len(given)), of.group, starts, rng
-        )
-    planned = schedule(of, order, ability.times, measured)
-    if minutes is not None and planned.minutes > minutes:
+    rng, times, of, order = np.random.default_rng(seed), ability.times, responses.cells, np.asarray(cells, int)
+    present, limit_s = int(measured[-1]) if len(measured) else None, np.inf if minutes is None else 60 * minutes
+    shortest, random = in_order(of, order, present), in_order(of, order, present, rng)
+    if kind == "random":
+        order = shortest if schedule(of, random, times, measured).end_s > limit_s else random
+    elif kind == "best" and len(order) > 1:
+        table, price = None, _PRICE if minutes is None else _PRICE_WITHIN_LIMIT
+        if ability.slow_noise.any:
+            longest = (
+                times.settle_s + times.turn_s + times.pitch_change_s + times.remount_s + times.temperature_change_s
+            )
+            table = tabulated_covariance(
+                ability.slow_noise, times, (len(measured) + len(order)) * (times.dwell_s + longest)
+            )
+
+        def objective(orders: Numbers) -> Float[np.ndarray, " n"]:
+            """Logarithm of the criterion of orders with the price of the duration; an excess over the limit costs more than
+            any criterion."""
+            planned = schedule(of, orders, times, measured)
+            model = scheduled_model(responses, planned, SEARCHED)
+            slow = None if table is None else table(planned.start_s) / responses.sd**2
+            values = np.log(criterion.of(model.shared(model.with_all(slow)))) + price * np.log(planned.end_s)
+            return np.where(planned.end_s > limit_s, 1e3 + 1e6 * (planned.end_s / limit_s - 1), values)
+
+        starts = [order, shortest, *(_mirrored(of.group, one, rng) for one in (random, order))]
+        rounds, found = max(3, _EFFORT // (_TRIED * len(starts) * len(order))), list[tuple[float, Numbers]]()
+        for start in starts:
+            best, value, since = start, float(objective(start[None])[0]), 0
+            for _ in range(rounds):
+                tried = np.array([_changed(of.group, best, rng) for _ in range(_TRIED)])
+                values = objective(tried)
+                least = int(np.argmin(values))
+                since = 0 if values[least] < value - _GAIN else since + 1
+                if values[least] < value:
+                    best, value = tried[least], float(values[least])
+                if since > _PATIENCE:
+                    break
+            found.append((value, best))
+        order = min(found, key=lambda one: one[0])[1]
+    planned = schedule(of, order, times, measured)
+    if planned.end_s > limit_s * (1 + 1e-12):
         least, here = ("at least ", "") if kind == "best" else ("", " in this order")
         needed = f"{len(planned)} positions need {least}{np.ceil(planned.minutes):.0f} min{here}"
         raise InputError(f"{needed}, but {minutes:g} min are allowed; allow more time or fewer positions")
@@ -98,79 +118,29 @@ def best_order(
     return Ordered(planned, float(value), float(criterion.of(model.shared(model.with_all()))))
 
 
-def _objective(
-    responses: Responses,
-    ability: HeadAbility,
-    criterion: Criterion,
-    minutes: float | None,
-    measured: Sequence[int] | np.ndarray,
-    count: int,
-) -> Objective:
-    """Logarithm of the criterion of orders of so many positions, with the price of the duration; the excess over a limit is
-    added at a high price."""
-    times, slow, table = ability.times, ability.slow_noise, None
-    if slow.any:
-        longest = times.settle_s + times.turn_s + times.pitch_change_s + times.remount_s + times.temperature_change_s
-        table = tabulated_covariance(slow, times, (len(measured) + count) * (times.dwell_s + longest))
-    limit_s, price = (np.inf, _PRICE) if minutes is None else (60 * minutes, _PRICE_WITHIN_LIMIT)
-
-    def objective(orders: Int[np.ndarray, "n positions"]) -> Float[np.ndarray, " n"]:
-        planned = schedule(responses.cells, orders, times, measured)
-        model = scheduled_model(responses, planned, SEARCHED)
-        shared = None if table is None else table(planned.start_s) / responses.sd**2
-        values = criterion.of(model.shared(model.with_all(shared)))
-        over = np.maximum(planned.end_s / limit_s - 1.0, 0.0)
-        return np.log(values) + price * np.log(planned.end_s) + np.where(over > 0, 1e3 + 1e6 * over, 0.0)
-
-    return objective
-
-
-def _mirrored(group: Int[np.ndarray, " cells"], order: Order, rng: np.random.Generator) -> Order:
+def _mirrored(group: Labels, order: Numbers, rng: np.random.Generator) -> Numbers:
     """Every visit in two halves: the first halves, then the second ones in the reverse order."""
     halves = [np.array_split(rng.permutation(visit), 2) for visit in np.split(order, _ends(group, order)[1:-1])]
     return np.concatenate([half[0] for half in halves] + [half[1] for half in halves[::-1]])
 
 
-def _ends(group: Int[np.ndarray, " cells"], order: Order) -> Int[np.ndarray, " ends"]:
+def _ends(group: Labels, order: Numbers) -> Numbers:
     """Where the visits of an order begin, and its length; a visit: positions of one temperature, mounting and pitch setting."""
     return np.concatenate([[0], 1 + np.flatnonzero(np.diff(group[order])), [len(order)]])
 
 
-def _changed(group: Int[np.ndarray, " cells"], order: Order, rng: np.random.Generator) -> Order:
+def _changed(group: Labels, order: Numbers, rng: np.random.Generator) -> Numbers:
     """An order with one random change: two positions exchanged, or a stretch reversed or moved."""
-    count = len(order)
+    every, within = np.arange(len(order) + 1), rng.random() < _WITHIN
     if rng.random() < 0.5:
         # Of one pitch setting: that adds no visit.
-        first = int(rng.integers(count))
-        others = np.flatnonzero(group[order] == group[order[first]]) if rng.random() < _WITHIN else np.arange(count)
-        pair = [first, int(rng.choice(others))]
-        order = order.copy()
+        first = int(rng.integers(len(order)))
+        others = np.flatnonzero(group[order] == group[order[first]]) if within else every[:-1]
+        pair, order = [first, int(rng.choice(others))], order.copy()
         order[pair] = order[pair[::-1]]
         return order
-    ends = _ends(group, order) if rng.random() < _VISITS else np.arange(count + 1)
-    first, last = np.sort(rng.choice(ends, 2, replace=False)).tolist()
+    first, last = np.sort(rng.choice(_ends(group, order) if within else every, 2, replace=False)).tolist()
     part, rest = order[first:last], np.delete(order, np.s_[first:last])
     reverse = rng.random() < 0.5
     at = first if reverse and rng.random() < 0.5 else int(rng.choice(_ends(group, rest)))
     return np.concatenate([rest[:at], part[::-1] if reverse else part, rest[at:]])
-
-
-def _searched(
-    objective: Objective, group: Int[np.ndarray, " cells"], starts: list[Order], rng: np.random.Generator
-) -> Order:
-    """The best order found from some starts, each improved until changes gain nothing for a while."""
-    rounds = max(3, _EFFORT // (_TRIED * len(starts) * len(starts[0])))
-    best = np.inf, starts[0]
-    for order in starts:
-        value, since = float(objective(order[None])[0]), 0
-        for _ in range(rounds):
-            tried = np.array([_changed(group, order, rng) for _ in range(_TRIED)])
-            values = objective(tried)
-            at = int(np.argmin(values))
-            since = 0 if values[at] < value - _GAIN else since + 1
-            if values[at] < value:
-                order, value = tried[at], float(values[at])
-            if since > _PATIENCE:
-                break
-        best = min(best, (value, order), key=lambda found: found[0])
-    return best[1]

@@ -13,7 +13,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import json_text, read_json
 from tumblecal.ground.strict_toml import toml_lines
 from tumblecal.ground.suggested_command import suggested
-from tumblecal.plan.design import DesignedPlan
+from tumblecal.plan.designed_plan import DesignedPlan
 from tumblecal.plan.record import SCHEMA, PlanRecord
 
 

@@ -6,17 +6,16 @@ A calibration with this rig states the uncertainties of the plan. A simulation h
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.nominal import Leaf
+from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_temperature import RigTemperature
 from tumblecal.chain.where import VISITS
-from tumblecal.plan.cells import Cells
 from tumblecal.plan.information import uncertainties
-from tumblecal.plan.responses import MOUNT, PITCH, Responses, Setting
-from tumblecal.plan.schedule import Schedule
+from tumblecal.plan.limits import Schedule
+from tumblecal.plan.responses import MOUNT, PITCH, Responses
 
 
 # Angles of visits that nothing determines, and that nothing depends on, get this prior, rad: no bound.
@@ -39,9 +38,19 @@ def planned_rig(
     plan = cells.plan(names, np.round(schedule.start_s + ability.times.dwell_s / 2, 3))
     leaves, priors, spread = dict(rig.leaves), dict(rig.priors), ability.repeatability
     bounded = uncertainties(responses, schedule, ability).bounded
-    of_setting = {PITCH: (responses.pitch, schedule.pitch_visit), MOUNT: (responses.mount, schedule.mount_visit)}
-    for name, (setting, visit) in of_setting.items():
-        leaves[name] = _leaf(name, setting, visit, cells)
+    several = len(set(cells.mounts)) > 1
+    of_setting = {
+        PITCH: (responses.pitch, schedule.pitch_visit, cells.setting),
+        MOUNT: (responses.mount, schedule.mount_visit, cells.mounting),
+    }
+    for name, (setting, visit, label) in of_setting.items():
+        by_visit, of_mounts, of_one = _BY[name]
+        # Each visit has an error of its own, unless all visits of a setting share one.
+        shared = setting.exact or (setting.common and not setting.again)
+        again = visit.max() + 1 > len(np.unique(label)) or (setting.again and setting.common != 0.0)
+        leaves[name] = Leaf(of_mounts if several else of_one, free=not setting.exact)
+        if again and not shared:
+            leaves[name] = Leaf(by_visit)
         if setting.common == 0.0 and setting.again:
             # Every visit is independent; also if the leaf is fixed in the rig, but not set exactly again.
             priors[name] = (0.0, setting.again * setting.scale)
@@ -49,21 +58,9 @@ def planned_rig(
         elif setting.common is None and not setting.again and not bounded:
             priors[name] = (0.0, _NO_BOUND)
     truth = {name: values for name, values in rig.truth.items() if name.partition("_")[0] not in _BY}
-    planned = replace(
-        rig, plan=plan, leaves=leaves, priors=priors, truth=truth, ability=replace(ability, repeatability=spread)
-    )
+    ability = replace(ability, repeatability=spread)
+    planned = replace(rig, plan=plan, leaves=leaves, priors=priors, truth=truth, ability=ability)
     return replace(planned, truth=truth | _truth_of_settings(rig, planned, responses, seed))
-
-
-def _leaf(name: str, setting: Setting, visit: Int[np.ndarray, " positions"], cells: Cells) -> Leaf:
-    """How the errors of a setting are indexed, and whether they are fitted."""
-    by_visit, of_mounts, of_one = _BY[name]
-    labels = cells.setting if name == PITCH else cells.mounting
-    repeated = visit.max() + 1 > len(np.unique(labels))
-    same = setting.exact or (setting.common and not setting.again)
-    if not same and (repeated or (setting.again and setting.common != 0.0)):
-        return Leaf(by_visit)
-    return Leaf(of_mounts if len(set(cells.mounts)) > 1 else of_one, free=not setting.exact)
 
 
 def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) -> dict[str, tuple[float, ...]]:
@@ -73,24 +70,27 @@ def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) 
     alone = replace(rig, truth=mine, effects=(), temperature=RigTemperature())
     known = {leaf.name: leaf for leaf in alone.true_chain(alone.where).parameters}
     generator, where, truth = np.random.default_rng(seed), planned.where, dict[str, tuple[float, ...]]()
-
-    def keys(name: str, rig: Rig) -> list[tuple[float | str, ...]]:
-        plan = rig.plan
-        return list(zip(plan.mounts, plan.beta_deg, strict=True) if name == PITCH else zip(plan.mounts, strict=True))
-
     for leaf in planned.chain(where).parameters:
         if leaf.name not in _BY:
             continue
-        stated, by = np.asarray(known[leaf.name].value, float), known[leaf.name].by
-        rows = np.zeros(len(rig.plan), int) if by is None else np.asarray(rig.where.index(by))
-        value_of = dict(reversed(list(zip(keys(leaf.name, rig), stated[rows], strict=True))))
-        group = np.zeros(len(planned.plan), int) if leaf.by is None else np.asarray(where.index(leaf.by))
-        first, nothing = np.unique(group, return_index=True)[1].tolist(), np.zeros(leaf.value.shape[1:])
-        listed = keys(leaf.name, planned)
-        values = np.array([value_of.get(listed[k], nothing) for k in first]).reshape(leaf.value.shape)
-        setting = responses.pitch if leaf.name == PITCH else responses.mount
-        if leaf.by in VISITS and setting.again:
+        there, by, setting = known[leaf.name], leaf.by, responses.pitch if leaf.name == PITCH else responses.mount
+        stated, old, new = (
+            np.asarray(there.value, float),
+            _settings(rig.plan, leaf.name),
+            _settings(planned.plan, leaf.name),
+        )
+        of_old = np.zeros(len(old), int) if there.by is None else np.asarray(rig.where.index(there.by))
+        of_new = np.zeros(len(new), int) if by is None else np.asarray(where.index(by))
+        values = np.zeros(leaf.value.shape)
+        for key, number in reversed(list(zip(new, of_new.tolist(), strict=True))):
+            values[number] = stated[of_old[old.index(key)]] if key in old else 0.0
+        if by in VISITS and setting.again:
             values = values + setting.again * setting.scale * generator.standard_normal(values.shape)
         if np.any(values):
             truth[leaf.name] = tuple(values.ravel().tolist())
     return truth
+
+
+def _settings(plan: Plan, name: str) -> list[tuple[float | str, ...]]:
+    """The setting that a leaf belongs to, for each position."""
+    return list(zip(plan.mounts, plan.beta_deg, strict=True) if name == PITCH else zip(plan.mounts, strict=True))

@@ -5,9 +5,8 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator
 
 from tumblecal.ground.record import Count, ResultRecord, TextOrNull, at, by_name
-from tumblecal.plan.candidates import InUse, Worst
+from tumblecal.plan.designed_plan import InUse, TradeOff, Worst
 from tumblecal.plan.forecast.record import Alias, EffectForecast, Limit
-from tumblecal.plan.search import TradeOff
 
 
 SCHEMA = "tumblecal.plan/1"

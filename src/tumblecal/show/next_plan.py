@@ -10,8 +10,8 @@ from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_lines
 from tumblecal.plan.next.next_capture import NextCapture, next_captures, next_commands, setup_of
 from tumblecal.plan.next.next_plan import SEPARATE, NextPlan
-from tumblecal.plan.next.promise import LEAST_WORTH_ODDS
-from tumblecal.plan.next.sampling import SAMPLE
+from tumblecal.plan.next.proposals import SAMPLE
+from tumblecal.plan.next.separating import LEAST_WORTH_ODDS
 from tumblecal.show.words import Words, words_of
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from rich.console import Console
 
 from tumblecal.ground.units import factor
-from tumblecal.plan.bounds import GOOD
-from tumblecal.plan.design import DesignedPlan
+from tumblecal.plan.bound import GOOD
+from tumblecal.plan.designed_plan import DesignedPlan
 from tumblecal.plan.plan_files import capture_files, run_folder, write_files
 from tumblecal.plan.responses import MOUNT, PITCH
 from tumblecal.show.figures.plan import FIGURES

@@ -101,7 +101,7 @@ def plan(
     from tumblecal.ground.strict_toml import read_toml
     from tumblecal.plan.design import design_plan
     from tumblecal.plan.plan_files import RIG, earlier_files
-    from tumblecal.plan.stated import allowed_rig, wanted_plan
+    from tumblecal.plan.request import allowed_rig, wanted_plan
     from tumblecal.show.plan import print_plan, words_of_plan, write_plan
 
     files = [Path(text) for text in options.effects if "=" not in text]

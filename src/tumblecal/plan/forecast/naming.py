@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.special import ndtri
 
 from tumblecal.chain.rig import Rig
@@ -19,7 +19,6 @@ from tumblecal.full_model.full_model import FullModel
 from tumblecal.full_model.priors import VISIBLE
 from tumblecal.ground.errors import InputError
 from tumblecal.plan.cells import cells_of
-from tumblecal.plan.forecast.alias import error_in_use
 from tumblecal.plan.forecast.decisions import decisions, detections, identities
 from tumblecal.plan.forecast.effects_of_plan import EffectsOfPlan, effects_of_cells, effects_of_plan
 from tumblecal.plan.forecast.record import Alias, EffectForecast, Limit, NamingForecast
@@ -33,6 +32,7 @@ _BELOW, _DRAWS_OF_LIMITS = 0.3, 200
 _DRAWS, _DRAWS_COMPARED = 500, 200
 # Cells of a head that stand for all of it.
 _MOST_CELLS = 150
+_QUANTILE = float(ndtri(POWER))
 
 
 def forecasts(
@@ -52,9 +52,8 @@ def forecasts(
     predicted = forecast_of(of, effects, seed=seed)
     for each in compared:
         one = effects_of_plan(each, entries, of.model)
-        limits = {id: detection_limit(one, id, 1, seed) for id in effects}
-        named = [forecast_of_effect(one, id, size, limits[id], _DRAWS_COMPARED, seed) for id, size in effects.items()]
-        others.append((tuple(named), tuple(id for id in one.ids if not detectable(one, id))))
+        named = forecasts_of_effects(one, effects, _DRAWS_COMPARED, seed)
+        others.append((named, tuple(id for id in one.ids if not detectable(one, id))))
     return replace(predicted, hidden_on_head=hidden_on_head(rig, predicted.undetectable, entries, of.model)), others
 
 
@@ -68,15 +67,20 @@ def forecast_of(
             raise InputError(f"{id}: size {size:g}: a size above 0 is needed")
     limits = {id: detection_limit(of, id, min(draws, _DRAWS_OF_LIMITS), seed) for id in of.ids}
     usual = {id: of.entries[id].typical for id, limit in limits.items() if limit is None}
-    return NamingForecast(
-        tuple(forecast_of_effect(of, id, size, limits[id], draws, seed) for id, size in effects.items()),
-        {id: Limit(limit, of.entries[id].unit) for id, limit in limits.items()},
-        tuple(usual),
-        _largest_alias(of, {id: limit for id, limit in limits.items() if limit is not None}),
-        _largest_alias(of, usual),
-        draws,
-        dict(of.model.not_testable),
+    listed = {id: Limit(limit, of.entries[id].unit) for id, limit in limits.items()}
+    alias, of_undetectable = (
+        max(
+            (
+                Alias(id, size, of.entries[id].unit, size * float(np.max(np.abs(of.error_in_use(id)))))
+                for id, size in sizes
+            ),
+            key=lambda alias: alias.error_g,
+            default=None,
+        )
+        for sizes in ([(id, limit) for id, limit in limits.items() if limit is not None], usual.items())
     )
+    named = forecasts_of_effects(of, effects, draws, seed, limits)
+    return NamingForecast(named, listed, tuple(usual), alias, of_undetectable, draws, dict(of.model.not_testable))
 
 
 def hidden_on_head(rig: Rig, ids: Sequence[str], entries: Catalogue, like: FullModel | None = None) -> tuple[str, ...]:
@@ -91,13 +95,9 @@ def hidden_on_head(rig: Rig, ids: Sequence[str], entries: Catalogue, like: FullM
     return tuple(id for id in every.ids if every.visible(id) <= VISIBLE)
 
 
-def _largest_alias(of: EffectsOfPlan, sizes: Mapping[str, float]) -> Alias | None:
-    """The largest error in use among effects of these sizes."""
-    listed = (
-        Alias(id, size, of.entries[id].unit, size * float(np.max(np.abs(error_in_use(of, id)))))
-        for id, size in sizes.items()
-    )
-    return max(listed, key=lambda alias: alias.error_g, default=None)
+def detectable(of: EffectsOfPlan, id: str) -> bool:
+    """Whether the nominal parameters leave a visible part of an effect's signal."""
+    return bool(len(of.causes(id))) and of.visible(id) > VISIBLE
 
 
 def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float | None:
@@ -112,34 +112,50 @@ def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float 
     norm = float(np.linalg.norm(shown))
     odds = round(float(of.pool.test_log_weights[own].max()) - max(of.threshold, -2.0), 6)
     alone = float(np.sqrt(noncentrality(int(of.pool.ranks[own[0]]), odds, of.pool.dof, True))) - _BELOW
-    noise = np.random.default_rng(seed).standard_normal((draws, of.pool.dof))
-    above = _normal_quantile(detections(of, noise + alone / norm * shown)) - float(ndtri(POWER))
-    return (alone - above) / norm
+    found = detections(of, _noise(of, draws, seed) + alone / norm * shown)
+    return (alone - _normal_quantile(float(np.mean(found)), draws) + _QUANTILE) / norm
 
 
-def detectable(of: EffectsOfPlan, id: str) -> bool:
-    """Whether the nominal parameters leave a visible part of an effect's signal."""
-    return bool(len(of.causes(id))) and of.visible(id) > VISIBLE
-
-
-def _normal_quantile(happened: Bool[np.ndarray, " draws"]) -> float:
-    """Standard normal quantile of the probability of what happened in some draws."""
-    return float(ndtri((np.sum(happened) + 0.5) / (len(happened) + 1)))
-
-
-def forecast_of_effect(
-    of: EffectsOfPlan, id: str, size: float, limit: float | None, draws: int, seed: int
-) -> EffectForecast:
-    """Forecast for one effect of a size in its unit; `limit`: about where it is detected, None for an undetectable one."""
-    rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
-    smallest: tuple[float | None, float | None, float | None] = (None, None, None)
-    same = inseparable = tuple[str, ...]()
-    if limit is not None:
-        same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
-        smallest = rates.smallest(0, limit), rates.smallest(1, limit), rates.smallest(2, limit)
-        inseparable = tuple(label for label in not_separated(of, id, max(size, limit)) if label not in (id, *same))
-    visible = of.visible(id)
-    return EffectForecast(id, of.entries[id].unit, size, visible, *rates(size), *smallest, same, inseparable)
+def forecasts_of_effects(
+    of: EffectsOfPlan,
+    effects: Mapping[str, float],
+    draws: int,
+    seed: int,
+    limits: Mapping[str, float | None] | None = None,
+) -> tuple[EffectForecast, ...]:
+    """Forecast for some effects of sizes in their units; `limits`: about where each is detected, None for undetectable ones."""
+    listed, noise = list[EffectForecast](), _noise(of, draws, seed)
+    for id, size in effects.items():
+        limit = detection_limit(of, id, 1, seed) if limits is None else limits[id]
+        rates, least, same, inseparable = (
+            Rates(of, id, noise),
+            list[float | None](),
+            tuple[str, ...](),
+            tuple[str, ...](),
+        )
+        if limit is not None:
+            same = tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, int(of.causes(id)[0]))))
+            least = [rates.smallest(number, limit) for number in range(3)]
+            inseparable = tuple(label for label in not_separated(of, id, max(size, limit)) if label not in (id, *same))
+        detected, named, identified = rates(size)
+        detection_limit_of, smallest_named, smallest_identified = least or [None] * 3
+        listed.append(
+            EffectForecast(
+                id=id,
+                unit=of.entries[id].unit,
+                size=size,
+                visible_fraction=of.visible(id),
+                detected=detected,
+                named=named,
+                identified=identified,
+                detection_limit=detection_limit_of,
+                smallest_named=smallest_named,
+                smallest_identified=smallest_identified,
+                identical=same,
+                not_separated=inseparable,
+            )
+        )
+    return tuple(listed)
 
 
 def not_separated(of: EffectsOfPlan, id: str, size: float) -> tuple[str, ...]:
@@ -156,14 +172,14 @@ class Rates:
     """Shares of draws that are detected, named and identified, by the size of an effect in its unit."""
 
     def __init__(self, of: EffectsOfPlan, id: str, noise: Float[np.ndarray, "draws nu"]):
-        self._of, self._id, self._noise, self._decided = of, id, noise, dict[float, np.ndarray]()
+        self._of, self._id, self._noise, self._shares = of, id, noise, dict[float, list[float]]()
 
-    def __call__(self, size: float) -> tuple[float, float, float]:
+    def __call__(self, size: float) -> list[float]:
         """The shares at a size."""
-        if size not in self._decided:
-            self._decided[size] = decisions(self._of, self._id, self._noise + size * self._of.shown(self._id))
-        detected, named, identified = (float(np.mean(own)) for own in self._decided[size])
-        return detected, named, identified
+        if size not in self._shares:
+            decided = decisions(self._of, self._id, self._noise + size * self._of.shown(self._id))
+            self._shares[size] = np.mean(decided, axis=1).tolist()
+        return self._shares[size]
 
     def smallest(self, number: int, start: float) -> float | None:
         """The smallest size with a share of at least `POWER`, in steps from `start` on and interpolated; None if no size that
@@ -175,6 +191,16 @@ class Rates:
                 return None
         while self(size / _STEP)[number] >= POWER:
             size /= _STEP
-        low, high = (_normal_quantile(self._decided[own][number]) for own in (size / _STEP, size))
-        share = (float(ndtri(POWER)) - low) / max(high - low, 1e-9)
+        low, high = (_normal_quantile(self(own)[number], len(self._noise)) for own in (size / _STEP, size))
+        share = (_QUANTILE - low) / max(high - low, 1e-9)
         return size * _STEP ** (min(max(share, 0.0), 1.0) - 1.0)
+
+
+def _noise(of: EffectsOfPlan, draws: int, seed: int) -> Float[np.ndarray, "draws nu"]:
+    """White noise in the residual space, the same for all effects of a plan."""
+    return np.random.default_rng(seed).standard_normal((draws, of.pool.dof))
+
+
+def _normal_quantile(share: float, draws: int) -> float:
+    """Standard normal quantile of the probability of what happened in a share of some draws."""
+    return float(ndtri((share * draws + 0.5) / (draws + 1)))

@@ -12,9 +12,8 @@ from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels
 from tumblecal.plan.next.conditions import Conditions
-from tumblecal.plan.next.posterior import Posterior
 from tumblecal.plan.next.proposals import NextPosition
-from tumblecal.plan.next.rows import Rows, rows_of
+from tumblecal.plan.next.rows import Posterior, Rows, rows_of
 
 
 MOST_ALTERNATIVES = 10
@@ -103,12 +102,11 @@ def competition(diagnosis: Diagnosis) -> Competition:
 
     shares, claimed = dict(zip(best.equivalents, best.shares, strict=True)), {*best.identical, *best.powers}
     own_probability = best.own_probability + sum(share for labels, share in shares.items() if labels in claimed)
-    competing = [made(best.labels, diagnosis.members, own_probability)]
-    listed = [(labels, max(shares[labels], LEAST_PROBABILITY)) for labels in best.separable]
-    listed += best.less_probable
-    listed += [(e.labels, e.class_probability) for e in screened.explanations if e is not best and not e.noise]
-    if not all(cause.named for cause in diagnosis.members):
-        listed = []
+    competing, listed = [made(best.labels, diagnosis.members, own_probability)], list[tuple[Labels, float]]()
+    if all(cause.named for cause in diagnosis.members):
+        listed += [(labels, max(shares[labels], LEAST_PROBABILITY)) for labels in best.separable]
+        listed += best.less_probable
+        listed += [(e.labels, e.class_probability) for e in screened.explanations if e is not best and not e.noise]
     within = sum(probability for labels, probability in listed if {*best.labels} < {*labels})
     for labels, probability in sorted(listed, key=lambda item: -item[1]):
         causes = sets.get(frozenset(labels), ())

@@ -4,27 +4,45 @@ Candidates are single positions of a grid in the present mounting, and turns of 
 turn in its fixture). A new mounting has new unknown angles.
 """
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from pydantic import computed_field
 
 from tumblecal.chain import parameters_of
 from tumblecal.chain.nominal import Mount
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.attitudes import next_attitudes
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.precision import single_blas_thread
-from tumblecal.plan.next.choosing import MOST, MOST_IN_SET, Value, best_of, greedy
 from tumblecal.plan.next.competition import competition
 from tumblecal.plan.next.conditions import Conditions, continued, temperature_notes
-from tumblecal.plan.next.confirming import Confirmation, confirmations
-from tumblecal.plan.next.groups import leaves_of
-from tumblecal.plan.next.posterior import sharpenings
-from tumblecal.plan.next.promise import Promise
-from tumblecal.plan.next.proposals import SIDES, Allowed, NextPosition, proposals, reversed_run
-from tumblecal.plan.next.sampling import REVERSED, SAMPLE, samples
-from tumblecal.plan.next.separating import LEAST_STEP, separate, separation
+from tumblecal.plan.next.proposals import (
+    REVERSED,
+    SAMPLE,
+    SIDES,
+    Allowed,
+    NextPosition,
+    proposals,
+    reversed_run,
+    samples,
+)
+from tumblecal.plan.next.rows import Posterior, Rows, leaves_of
+from tumblecal.plan.next.separating import (
+    LEAST_STEP,
+    MOST,
+    MOST_IN_SET,
+    Promise,
+    Value,
+    best_of,
+    greedy,
+    separate,
+    separation,
+    sharpenings,
+)
 
 
 LEAST_VALUE = 1e-3
@@ -42,6 +60,36 @@ _AT_SETTINGS = (
 )
 _SIDES_BY_HAND = "The +x face is up when x reads +1 g, and the -x face is then down; y and z accordingly."
 SHARPEN = "reduce the largest standard uncertainty"
+# Largest number of readings that test a cause, smallest distance (deg) at one pitch setting, and smallest separation in
+# standard deviations.
+_MOST_CONFIRMING, _DISTANCE_DEG, _LEAST_SD = 3, 30.0, 1.0
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """One reading that tests the named cause: the cause and the strongest alternative predict different values.
+
+    - `alpha_deg`, `beta_deg`, `axis`: where, in the present mounting, and which reading.
+    - `expected_g`: reading predicted by the named cause; `rival_g`: by the alternative (refitted to the data).
+    - `sd_g`, `expected_sd_g`: standard deviation of the measured reading minus the prediction of the alternative, and minus
+      that of the named cause; both include the noise and the uncertainty of the fit.
+    - `rival`: labels of the causes of the alternative; empty: the nominal model.
+    """
+
+    alpha_deg: float
+    beta_deg: float
+    axis: str
+    expected_g: float
+    rival_g: float
+    sd_g: float
+    expected_sd_g: float
+    rival: tuple[str, ...]
+
+    @computed_field
+    @property
+    def sd_apart(self) -> float:
+        """Separation of the two predictions in `sd_g`."""
+        return abs(self.expected_g - self.rival_g) / self.sd_g
 
 
 @dataclass(frozen=True)
@@ -168,9 +216,9 @@ def _proposed(
     if any(cause.slot.all_columns for cause in diagnosis.members):
         others = zip(predicted.posteriors[1:], alternatives, strict=True)
         possible = [each for each, counts in zip(others, counted, strict=True) if counts]
-        strongest = (*possible, (predicted.rows.posterior((), model), ()))[0]
-        own = confirmations(listed, predicted.rows, settings, predicted.posteriors[0], *strongest)
-        plan = replace(plan, confirming=own)
+        strongest, labels = (*possible, (predicted.rows.posterior((), model), ()))[0]
+        explanations = predicted.posteriors[0], strongest
+        plan = replace(plan, confirming=_confirmations(listed, predicted.rows, settings, explanations, labels))
     notes += [_NEW_MOUNT] if plan.from_rig and any(one.mount for one in together) else []
     best, chosen = (tuple([replace(one, purpose=plan.purpose) for one in each]) for each in (singles, together))
     return replace(plan, singles=best, together=chosen, value=whole, notes=tuple(notes), promise=promise)
@@ -205,3 +253,37 @@ def _watched(diagnosis: Diagnosis) -> list[int]:
         if leaf.name in ("dK", "bias", "gamma"):
             chosen += columns[0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])].tolist()
     return chosen or list(range(diagnosis.model.nominal))
+
+
+def _confirmations(
+    listed: Sequence[NextPosition],
+    rows: Rows,
+    settings: Collection[float],
+    explanations: Sequence[Posterior],
+    labels: tuple[str, ...],
+) -> tuple[Confirmation, ...]:
+    """The readings that best separate a cause from its alternative, the largest separation first.
+
+    **Arguments:**
+
+    - `listed`: the proposals, with their `rows`. Only single positions in the present mounting at measured pitch `settings`
+      (deg) are used, as the fit predicts these.
+    - `explanations`: the named causes and the strongest alternative (`labels`), each fitted to the data.
+    """
+    predicted = [known.predicted(np.arange(len(rows.new))[:, None]) for known in explanations]
+    mean, other = (own.mean / rows.weight for own in predicted)
+    sd, other_sd = (np.sqrt(np.diagonal(own.spread, axis1=1, axis2=2)) / rows.weight for own in predicted)
+    apart, chosen = np.abs(mean - other) / other_sd, list[Confirmation]()
+    for proposal, (cell, *_) in sorted(zip(listed, rows.cells, strict=True), key=lambda one: -np.max(apart[one[1][0]])):
+        near = any(
+            one.beta_deg == proposal.beta_deg
+            and abs((one.alpha_deg - proposal.alpha_deg + 180.0) % 360.0 - 180.0) < _DISTANCE_DEG
+            for one in chosen
+        )
+        axis = int(np.argmax(apart[cell]))
+        usable = not proposal.mount and proposal.beta_deg in settings and apart[cell, axis] > _LEAST_SD
+        if usable and not near and len(chosen) < _MOST_CONFIRMING:
+            place = proposal.alpha_deg, proposal.beta_deg, AXES[axis]
+            expected, rival, u, expected_u = (float(own[cell, axis]) for own in (mean, other, other_sd, sd))
+            chosen.append(Confirmation(*place, expected, rival, u, expected_u, labels))
+    return tuple(chosen)

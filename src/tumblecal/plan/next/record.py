@@ -2,9 +2,9 @@
 
 from tumblecal.diagnosis.record import DiagnosisRecord
 from tumblecal.ground.record import ResultRecord, TextOrNull, at
-from tumblecal.plan.next.confirming import Confirmation
-from tumblecal.plan.next.promise import Promise
+from tumblecal.plan.next.next_plan import Confirmation
 from tumblecal.plan.next.proposals import NextPosition
+from tumblecal.plan.next.separating import Promise
 
 
 class NextPlanRecord(ResultRecord):

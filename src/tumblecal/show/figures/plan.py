@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
-from tumblecal.plan.design import DesignedPlan
+from tumblecal.plan.designed_plan import DesignedPlan
 from tumblecal.show.figures.drawing import (
     AXIS_COLOUR,
     BAND,

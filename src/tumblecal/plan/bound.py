@@ -1,4 +1,4 @@
-"""The least value of a criterion that any plan within limits can have under white noise, and the reason for the distance to it.
+"""The least value of a criterion that any plan within limits can have under white noise, and the plan that is searched with it.
 
 The logarithm of a criterion is convex in the information, so its tangent at any mixture of plans is a bound of every plan:
 
@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.optimize import minimize
 
-from tumblecal.ground.numbers_shown import shortened
+from tumblecal.plan.cells import Numbers
 from tumblecal.plan.criterion import Criterion
 from tumblecal.plan.exchange import Term, exchange
-from tumblecal.plan.information import LinearModel, covariance_of
+from tumblecal.plan.information import LinearModel, Square, covariance_of
 from tumblecal.plan.limits import Limits
 
 
@@ -36,6 +36,8 @@ _ENOUGH, _ROUNDS, _CLASSES = 0.99, 3, 4
 _GAP, _PATIENCE, _LEAST, _FLOOR = 1e-3, 10, 1e-4, 3e-4
 # Steps of the price.
 _STEPS = 30
+
+Gains = Float[np.ndarray, " cells"]
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Bounds:
     value: float
     repeated: float
     reason: str
-    rounded: tuple[Int[np.ndarray, " positions"], ...] = ()
+    rounded: tuple[Numbers, ...] = ()
 
     @property
     def efficiency(self) -> float:
@@ -69,18 +71,9 @@ class Class(NamedTuple):
     positions: float
 
 
-class Tangent(NamedTuple):
-    """`level` minus the `gain` of the positions of a plan: a bound of the logarithm of its value; `fractions` of positions in
-    each cell of the mixture."""
-
-    level: float
-    gain: Float[np.ndarray, " cells"]
-    fractions: Float[np.ndarray, " cells"]
-
-
 def best_plan(
     model: LinearModel, several: LinearModel, criterion: Criterion, limits: Limits, *, restarts: int = 2, seed: int = 0
-) -> tuple[Int[np.ndarray, " positions"], Bounds]:
+) -> tuple[Numbers, Bounds]:
     """Exchange, then bounds; then exchange from the mixtures of the classes of plans that the bounds do not exclude.
 
     **Arguments:** `several`: the model of several visits, for the bound of any plan.
@@ -99,7 +92,7 @@ def best_plan(
         elif not far:
             break
     repeated = bounds(several, criterion, limits, chosen).white
-    return chosen, replace(found, repeated=min(repeated, found.white))
+    return np.array(chosen), replace(found, repeated=min(repeated, found.white))
 
 
 def bounds(model: LinearModel, criterion: Criterion, limits: Limits, chosen: Sequence[int] | np.ndarray) -> Bounds:
@@ -109,12 +102,9 @@ def bounds(model: LinearModel, criterion: Criterion, limits: Limits, chosen: Seq
     settings = np.unique(group[np.asarray(chosen, int)])
     inside = Class(limits.allowed & np.isin(group, settings), len(settings), len(chosen))
     own = max(_least(model, criterion, limits, [inside], value)[0], white)
-    kind, hopeless = "positions" if own * own < white * value else "settings", model.undetermined()
     reason = (
-        f"whole {kind}: for fractions of positions in the settings of the plan it is {own / value:.1%} of the value"
+        f"whole positions: for fractions of positions in the settings of the plan it is {own / value:.1%} of the value"
     )
-    if lost := [name for name in model.undetermined(chosen) if name not in hopeless]:
-        reason = f"too few positions: they do not determine {shortened(lost, 9)}, but fractions of more positions do"
     return Bounds(white, own, value, white, reason if white < GOOD * value else "", rounded)
 
 
@@ -139,18 +129,17 @@ def _classes(limits: Limits) -> Iterator[Class]:
 
 def _least(
     model: LinearModel, criterion: Criterion, limits: Limits, classes: Sequence[Class], value: float
-) -> tuple[float, tuple[Int[np.ndarray, " positions"], ...]]:
+) -> tuple[float, tuple[Numbers, ...]]:
     """The least bound of some classes, and whole positions near the mixtures of those with the lowest bounds; a class with a
     low one gets a tangent for itself."""
-    bound, searched, close = np.full(len(classes), -np.inf), dict[int, np.ndarray](), np.log(_CLOSE * value)
+    bound, searched, close = np.full(len(classes), -np.inf), dict[int, Numbers](), np.log(_CLOSE * value)
     at = 0
     while bound[at] < close and at not in searched and len(searched) < _SEARCHES:
         level, gain, fractions = _tangent(model, criterion, limits, classes[at], close)
         for k in np.flatnonzero(bound < close).tolist():
             bound[k] = max(bound[k], level - _most(limits, classes[k], gain)[0])
         # The cells with the largest fractions, in the pitch settings with the most positions.
-        _, groups, positions = classes[at]
-        group = limits.cells.group
+        group, (_, groups, positions) = limits.cells.group, classes[at]
         best = np.argsort(-np.bincount(group, fractions), kind="stable")[:groups]
         cells = np.argsort(-np.where(np.isin(group, best), fractions, -1.0), kind="stable")
         searched[at] = np.repeat(cells, limits.repeats)[: int(positions)]
@@ -159,8 +148,11 @@ def _least(
     return min(float(np.exp(bound.min())), value), tuple(searched[k] for k in better[:_CLASSES])
 
 
-def _tangent(model: LinearModel, criterion: Criterion, limits: Limits, one: Class, enough: float) -> Tangent:
-    """The tangent with the highest bound, at a mixture of plans, until that reaches the logarithm `enough`.
+def _tangent(
+    model: LinearModel, criterion: Criterion, limits: Limits, one: Class, enough: float
+) -> tuple[float, Gains, Gains]:
+    """The tangent with the highest bound, at a mixture of plans, until that reaches the logarithm `enough`: its level, from
+    which the gains of a plan are subtracted, the gain of a position in each cell, and the fractions of positions in it.
 
     Plans that reduce the criterion most are added to the mixture one by one (simplicial decomposition: von Hohenbalken 1977,
     Mathematical Programming 13, 49).
@@ -168,49 +160,49 @@ def _tangent(model: LinearModel, criterion: Criterion, limits: Limits, one: Clas
     shared, columns = len(model.names), model.columns
     flat = columns.reshape(-1, columns.shape[2])
 
-    def added(fractions: np.ndarray) -> np.ndarray:
+    def added(fractions: Gains) -> Square:
         return (flat * np.repeat(fractions, 3)[:, None]).T @ flat
 
-    def at(shares: np.ndarray, each: np.ndarray) -> tuple[float, float, np.ndarray]:
-        """Logarithms of the criterion and of its support, and R with the gain of information X: trace of R' X R."""
+    def support(shares: np.ndarray, each: Square) -> tuple[float, float, np.ndarray]:
+        """Logarithms of the criterion and of its tangent, and R: the gain of information X is the trace of R' X R."""
         covariance = covariance_of(before + (1 - _FLOOR) * np.tensordot(shares, each, 1))
         smooth, value, root = criterion.support(covariance[:shared, :shared])
         return float(np.log(smooth)), float(np.log(value)), covariance[:, :shared] @ root
 
-    def with_slope(shares: np.ndarray, each: np.ndarray) -> tuple[float, np.ndarray]:
-        log_value, _, root = at(shares, each)
-        return log_value, -(1 - _FLOOR) * np.sum((each @ root) * root, axis=(1, 2))
+    def with_slope(shares: np.ndarray, each: Square) -> tuple[float, np.ndarray]:
+        smooth, _, root = support(shares, each)
+        return smooth, -(1 - _FLOOR) * np.sum((each @ root) * root, axis=(1, 2))
 
     plans = _most(limits, one, np.sum(columns[:, :, :shared] ** 2, axis=(1, 2)))[1][None]
     # A little of every cell: only then do gains include that the error of a pitch setting has to be determined too.
     floor = _FLOOR * one.cells * np.sum(plans) / np.count_nonzero(one.cells)
-    before, each, shares, since = model.information + added(floor), added(plans[0])[None], np.ones(1), 0
-    best, highest = Tangent(0.0, floor, floor), -np.inf
-    for _ in range(_MIXED):
+    before, each, shares = model.information + added(floor), added(plans[0])[None], np.ones(1)
+    highest, since, best = -np.inf, 0, None
+    whole = {"type": "eq", "fun": lambda s: s.sum() - 1, "jac": np.ones_like}
+    while True:
         if len(shares) > 1:
-            whole = {"type": "eq", "fun": lambda s: s.sum() - 1, "jac": np.ones_like}
-            within, options = [(0, 1)] * len(shares), {"maxiter": 25, "ftol": 1e-7}
+            options = {"maxiter": 25, "ftol": 1e-7}
+            within = [(0, 1)] * len(shares)
             solved = minimize(
                 with_slope, shares, (each,), "SLSQP", True, bounds=within, constraints=whole, options=options
             )
             shares = np.maximum(solved.x, 0) / np.maximum(solved.x, 0).sum()
-        log_value, level, root = at(shares, each)
+        smooth, value, root = support(shares, each)
         gain = np.sum((flat @ root).reshape(len(columns), -1) ** 2, axis=1)
         fractions = (1 - _FLOOR) * shares @ plans + floor
-        here = Tangent(level + float(gain @ fractions), gain, fractions)
+        level = value + float(gain @ fractions)
         most, plan = _most(limits, one, gain)
-        since = 0 if here.level - most > highest + 1e-5 else since + 1
-        if here.level - most > highest:
-            best, highest = here, here.level - most
-        if highest >= enough or log_value - highest < _GAP or since > _PATIENCE:
-            break
+        since = 0 if level - most > highest + 1e-5 else since + 1
+        if best is None or level - most > highest:
+            best, highest = (level, gain, fractions), level - most
+        if highest >= enough or smooth - highest < _GAP or since > _PATIENCE or len(plans) > _MIXED:
+            return best
         kept = shares > _LEAST
         plans, each = np.concatenate([plans[kept], plan[None]]), np.concatenate([each[kept], added(plan)[None]])
         shares = np.append(0.9 * shares[kept], 0.1) / (0.9 * shares[kept].sum() + 0.1)
-    return best
 
 
-def _most(limits: Limits, one: Class, gain: Float[np.ndarray, " cells"]) -> tuple[float, Float[np.ndarray, " cells"]]:
+def _most(limits: Limits, one: Class, gain: Gains) -> tuple[float, Gains]:
     """At least the sum of gains of any plan of a class, and a plan with this sum, in fractions.
 
     A position must gain more than a price, which is raised until no more positions do than there are. The sum of these gains
@@ -218,7 +210,7 @@ def _most(limits: Limits, one: Class, gain: Float[np.ndarray, " cells"]) -> tupl
     """
     inside, group = np.where(one.cells, gain, 0.0), limits.cells.group
 
-    def at(price: float) -> tuple[float, np.ndarray]:
+    def at(price: float) -> tuple[float, Gains]:
         more = limits.repeats * np.maximum(inside - price, 0.0)
         of_group = np.bincount(group, more)
         best = np.argsort(of_group, kind="stable")[-one.groups :]
