@@ -89,7 +89,8 @@ def test_what_has_a_value_for_each_pitch_setting_predicts_none_for_another(of_se
 def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
     """A mount that slipped at the sixth position: three angles more from there on, and at every new one."""
     label = f"mount_slip:{diagnosed.data.names[5]}"
-    slip = next(cause for cause in diagnosed.screened.pool.causes if cause.label == label)
+    pool = diagnosed.screened.pool
+    slip = pool.causes[pool.labels.index(label)]
     rows, slipped = present(diagnosed, [slip])
     own = [diagnosed.model.names.index(f"dtheta_{axis}") for axis in "xyz"]
     np.testing.assert_allclose(slipped.columns[:, :, -3:], rows.new[:, :, own])

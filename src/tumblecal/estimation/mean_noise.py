@@ -238,13 +238,13 @@ def recorded_noises(data: PositionSet) -> list[MeanNoise]:
 
 
 def likeliest_noise(fit: Fit) -> MeanNoise | None:
-    """The noise of the recording that the residuals support; None if the noise of the fit is not that of a recording.
+    """The noise of the recording that the residuals of a fit with it support; None if the positions do not all state it.
 
     The ways in which slow noise may continue compete by the restricted likelihood of the residuals (Patterson and Thompson
     1971), linearised at the exact fit, and by their prior weights. The covariance is the mean over all, by probability.
     """
     problem = fit.problem
-    noises = recorded_noises(fit.data) if problem.noise_of_recording else []
+    noises = recorded_noises(fit.data)
     if not noises:
         return None
     unit = problem.with_noise(Covariance.of_sd(np.ones(problem.readings.shape)), known=True)

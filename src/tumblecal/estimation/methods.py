@@ -20,7 +20,6 @@ from tumblecal.estimation.contradicted import ContradictedLevel, contradicted_le
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.leave_out import Contradicted, contradicted
-from tumblecal.estimation.mean_noise import MeanNoise, likeliest_noise
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.position_problem import problem_of
 from tumblecal.estimation.priors import Priors
@@ -37,6 +36,8 @@ from tumblecal.ground.suggested_command import suggested
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.figure import Figure
+
+    from tumblecal.estimation.mean_noise import MeanNoise
 
 
 # Residuals below this, g, are rounding of numbers typed with eight digits, not noise of a measurement.
@@ -69,7 +70,7 @@ class Calibrated(Pickled, Shown):
     scatter: AttitudeScatter | None = None
     floor: BetweenPositionSd | None = None
     level: ContradictedLevel | None = None
-    noise: MeanNoise | None = None
+    noise: "MeanNoise | None" = None
     entries: Catalogue = field(default_factory=catalogue)
 
     @property
@@ -226,7 +227,7 @@ class ExactFit(NamedTuple):
     scatter: AttitudeScatter | None = None
     floor: BetweenPositionSd | None = None
     level: ContradictedLevel | None = None
-    noise: MeanNoise | None = None
+    noise: "MeanNoise | None" = None
 
 
 def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
@@ -238,8 +239,12 @@ def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
     """
     fitted = exact.fit(problem)
     require_noise(fitted)
-    if (noise := likeliest_noise(fitted)) is not None:
-        fitted = exact.fit(noise.applied(problem), fitted.values)
+    noise = None
+    if fitted.problem.noise_of_recording:
+        from tumblecal.estimation.mean_noise import likeliest_noise
+
+        noise = likeliest_noise(fitted)
+        fitted = fitted if noise is None else exact.fit(noise.applied(problem), fitted.values)
     fitted, scatter = fit_with_scatter(fitted) or (fitted, None)
     problem = fitted.problem
     floor = between_position_sd(fitted) if by_columns else None

@@ -51,7 +51,7 @@ Factors = Float[np.ndarray, "candidates factors positions"]
 
 
 class Products(NamedTuple):
-    """Candidates that are made alike, each of every product of a field and one of its factors: labels, words, and the nominal
+    """Candidates of one kind, one for every product of a field and one of its factors: labels, words, and the nominal
     parameters that change with it."""
 
     labels: Sequence[str]

@@ -257,7 +257,7 @@ def _searched(screened: Screened, asides: Float[np.ndarray, "folds out nu"]) -> 
             for (fold, members), row, k in zip(some, scores, scores.argmax(axis=1).tolist(), strict=True):
                 with_one = members if k == 0 else tuple(sorted((*members, int(numbers[k - 1]))))
                 best[fold] = max(best[fold], (float(row[k]), with_one))
-        # The best set of each fold, and what is left of it without each of its causes.
+        # The best set of each fold, and it without each of its causes.
         several = ((fold, own) for fold, (_, own) in enumerate(best) if own)
         nexts = [(fold, part) for fold, own in several for part in (own, *combinations(own, len(own) - 1))]
         todo = [each for each in nexts if each not in tried]
