@@ -187,7 +187,7 @@ def errors_of(fit: Callable[[PositionSet], Correct], data: PositionSet, held: np
 
 def main() -> None:
     options = asked(__doc__, data=(), imu_tk=Path, seed=1)
-    print_head("data", "method", "units", "rms error / mg", "largest", "time of a fit / ms", "errors within U")
+    print_head("data", "method", "units", "rms error / mg", "largest", "time of a fit / ms", "use and median U")
     with TemporaryDirectory() as name:
         out = Path(name)
         rng = np.random.default_rng(options.seed)
