@@ -12,7 +12,7 @@ from tumblecal.estimation.intrinsic import matrix_and_bias, one_sensor, sensor_o
 from tumblecal.estimation.methods import calibrate
 from tumblecal.estimation.position_problem import default_chain
 from tumblecal.ground.gravity import STANDARD, comments_of
-from tumblecal.lab.use import gravity_use
+from tumblecal.lab.use import gravity_findings
 
 
 BIAS, SCALE = np.array([4e-3, 4e-4, -1.9e-3]), np.array([3e-4, 2e-4, 1.7e-3])
@@ -52,5 +52,5 @@ def test_a_fixed_parameter_has_no_uncertainty_and_is_not_listed_as_determined(fa
     np.testing.assert_allclose(sensor.sd[:6], 1e-4 / np.sqrt(2), rtol=0.05)
     assert matrix_and_bias(fit)[0][1, 0] == 0.0
     assumed = replace(faces, comments=faces.comments | comments_of(STANDARD))
-    (use,) = gravity_use(calibrate(assumed, chain=fit.problem.chain, noise_sd=1e-4).exact)
-    assert use.parameters == ("bias_x", "bias_y", "bias_z")
+    (finding,) = gravity_findings(calibrate(assumed, chain=fit.problem.chain, noise_sd=1e-4).exact)
+    assert finding.use.parameters == ("bias_x", "bias_y", "bias_z")

@@ -16,11 +16,11 @@ from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.lab.record import STRONG_CORRELATION, strong_correlations, written_calibration
 from tumblecal.lab.terms import effects_in, held_words, lacking_words
-from tumblecal.lab.use import NO_GRAVITY, remedy_words
+from tumblecal.lab.use import remedy_words
 from tumblecal.show.fit import TITLES, fit_words
 from tumblecal.show.verdict import WIDTH, verdict_lines
 from tumblecal.show.words import Words, words_of
-from tumblecal.words import command_at_end
+from tumblecal.words import command_at_end, sentence
 
 
 # With typical coefficients such a change (degC) causes several times the noise of a good measurement.
@@ -55,7 +55,7 @@ def words_of_calibration(calibrated: Calibrated, file: Path = Path("calibration.
         held=held_words(written),
         lacking=lacking_words(written),
         lacking_of_sensor=lacking_words(written, of_sensor=True),
-        no_gravity=NO_GRAVITY,
+        no_gravity=sentence("use/gravity"),
         unlikely=UNLIKELY,
         estimates=zip(stated.names, stated.units, stated.values, stated.sd, strict=True),
         differences=differences,

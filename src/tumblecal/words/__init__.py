@@ -54,8 +54,8 @@ def text_of(template: str, /, **values: object) -> str:
     return f"{_environment().get_template(template).render(values).translate(_SHOW)}\n"
 
 
-def sentences(name: str, /, **values: object) -> list[str]:
-    """The entries of one block of a file of shared sentences.
+def cells(name: str, /, **values: object) -> list[list[str]]:
+    """The entries of one block of a file of shared sentences, as cells.
 
     **Arguments:**
 
@@ -64,11 +64,16 @@ def sentences(name: str, /, **values: object) -> list[str]:
 
     **Raises:** `UndefinedError` for a value that is missing; `KeyError` without such a block.
 
-    **Example:** `sentences("noise/floor", floor=scatter)`
+    **Example:** `cells("use/floor", floor=scatter, run="")`
     """
     file, _, block = name.partition("/")
     ((_, entries),) = _blocks(f"{_BLOCK}{block}\n{_templates(file)[block].render(values)}")
-    return [cells[0] for cells in entries]
+    return entries
+
+
+def sentences(name: str, /, **values: object) -> list[str]:
+    """The first cell of each entry of a block, as of `cells`."""
+    return [entry[0] for entry in cells(name, **values)]
 
 
 def sentence(name: str, /, **values: object) -> str:
