@@ -78,7 +78,7 @@ def test_intervals_of_all_effects_hold_the_truth():
     screened, noise_wrong = bench(study.Hidden(setup, measured, (), clean, {}), known=True)
     assert noise_wrong == () and screened.problem.known
     for id in blind.COEFFICIENTS:
-        tried = [cause for cause in screened.pool.causes if cause.label == id]
+        tried = [screened.pool.causes[k] for k, label in enumerate(screened.pool.labels) if label == id]
         for _ in range(6):
             sized = blind.sized(setup, projector, id, 10.0, rng)
             if not tried or sized is None:

@@ -37,6 +37,8 @@ def log_evidence_by_size(
 ) -> Float[np.ndarray, "processes sizes draws"]:
     """Log evidence of each process and size, on the scale of `evidence.log_evidence`, by the products of the signals of each
     process with each other and with the residual vectors."""
+    if not products:
+        return np.zeros((0, len(SIZES), len(z)))
     explained, half_log_dets = (_of_one_vector if len(z) == 1 else _of_vectors)(products, inner)
     return _log_evidence(explained, half_log_dets[:, :, None], z, known)
 

@@ -86,7 +86,8 @@ class Process:
 
 def visible_processes(at: Tangent, effects: Blocks) -> list[Process]:
     """The processes of which the residuals can show enough, and that are more than one of the effects with these blocks."""
-    listed = list(_shown(at))
+    if not (listed := list(_shown(at))):
+        return []
     largest, seen = np.array([process.largest for process in listed]), np.array([process.seen for process in listed])
     # Two bounds: of all signals no less remains, given an effect, than of the largest; and as many of the components' variances
     # as an effect has directions, r, are together no more than the root of r times the sum of the squares of all.

@@ -179,6 +179,8 @@ class Search:
     def _expand(self, sets: list[Members], groups: bool) -> None:
         """Score sets of one size, and with each further candidate: the better ones are kept."""
         priors, bases = self._score(sets)
+        if not self.pool.size:
+            return
         evidence = with_each(self.pool, self.known, bases, groups=groups)
         scores = evidence[:, : self.pool.size] + priors.with_each()
         larger, of_groups = priors.with_groups() if groups else (priors.sets[:0], np.zeros(0))
