@@ -79,8 +79,9 @@ def changed(tmp_path_factory) -> Path:
     shutil.copytree(SOURCE, folder / "tumblecal", ignore=shutil.ignore_patterns("__pycache__"))
     experiment = folder / "tumblecal" / "simulation" / "experiment.py"
     text = experiment.read_text()
-    assert "return self.sd * white" in text
-    experiment.write_text(text.replace("return self.sd * white", "return 2.0 * self.sd * white"))
+    line = "return factor[:, :, None] * white"
+    assert line in text
+    experiment.write_text(text.replace(line, line.replace("return", "return 2.0 *")))
     return folder
 
 
