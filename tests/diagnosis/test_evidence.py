@@ -10,11 +10,8 @@ from scipy.special import gammaln
 
 from tumblecal.full_model.evidence import (
     gain,
-    highest_shortfall,
     log_evidence,
-    log_evidence_at_most,
     log_evidence_of_noise,
-    shortfall,
 )
 
 
@@ -42,7 +39,6 @@ def test_gain_is_the_integral_also_beyond_its_table(rank):
     expected = [log_bayes_factor(own, rank) for own in explained.tolist()]
     np.testing.assert_allclose(gain(explained, rank), expected, rtol=0, atol=0.012)
     np.testing.assert_allclose([gain(np.array(own), rank) for own in explained], expected, rtol=0, atol=0.012)
-    np.testing.assert_allclose(highest_shortfall(rank), expected[0], rtol=0, atol=0.012)
 
 
 def test_the_noise_is_integrated_out():
@@ -61,21 +57,6 @@ def test_the_noise_is_integrated_out():
         given = [(np.array(part), rank) for part, rank in parts]
         # Laplace's method is around the best sigma of the residuals, not of the whole.
         assert log_evidence(np.array(total), given, DOF, False) == pytest.approx(by_quadrature, abs=0.2)
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_the_bound_of_a_set_is_attained(known):
-    """With the shortfall of the very set, and its degrees of freedom; a set that leaves nothing has no bound."""
-    left, explained, rank = np.array([0.8, 30.0, 66.0]), np.array([500.0, 12.0, 0.5]), 3
-    variance = 1.0 if known else left / (DOF - rank)
-    bound = log_evidence_at_most(
-        left, left + explained, shortfall(explained / variance, rank), np.full(3, DOF - rank), DOF, known
-    )
-    evidence = log_evidence(left + explained, [(explained, rank)], DOF, known)
-    np.testing.assert_allclose(bound, evidence, rtol=1e-12)
-    nothing, total = np.zeros(3), np.array([1e-6, 1.0, 1e6])
-    of_all = log_evidence_at_most(nothing, total, np.zeros(3), np.full(3, DOF - rank), DOF, known)
-    assert np.all(of_all >= log_evidence(total, [(total, rank)], DOF, known)) and not np.any(np.isnan(of_all))
 
 
 def test_the_unit_of_unknown_noise_does_not_matter_and_rounding_is_no_evidence():

@@ -21,7 +21,6 @@ LEAST_FREE = 3
 _TABLE_END, _NODES = 2000.0, 4000
 # A share of the total that is no more than rounding.
 ROUNDING = 1e-13
-_NO_BOUND = 1e300
 
 
 @lru_cache
@@ -60,45 +59,6 @@ def gain(
     # Beyond the table the integral is R/2 - (r/2) log R + constant.
     further = np.maximum(explained - _TABLE_END, 0.0)
     return inside + 0.5 * further - 0.5 * rank * np.log1p(further / _TABLE_END)
-
-
-def shortfall(
-    explained: Float[np.ndarray, " *shape"], rank: int | Int[np.ndarray, " *shape"]
-) -> Float[np.ndarray, " *shape"]:
-    """Difference (negative) of `gain` from half of the explained sum of squares; it decreases with it."""
-    return gain(explained, rank) - 0.5 * explained
-
-
-def highest_shortfall(rank: int | Int[np.ndarray, " *shape"]) -> Float[np.ndarray, " *shape"]:
-    """`shortfall` where nothing is explained."""
-    return _table()[1][:, 0].take(np.minimum(rank, _MOST_RANK))
-
-
-def log_evidence_at_most(
-    left: Float[np.ndarray, " *shape"],
-    total: Float[np.ndarray, " *shape"],
-    shortfalls: Float[np.ndarray, " *shape"],
-    free: Int[np.ndarray, " *shape"],
-    dof: int,
-    known: bool,
-) -> Float[np.ndarray, " *shape"]:
-    """Upper bound of `log_evidence` for sets of effects with a residual sum of squares of at least `left`.
-
-    The explained and the residual sum of squares add up to the total. With `shortfall` instead of the gains, only the residual
-    one counts, and the evidence decreases with it.
-
-    **Arguments:**
-
-    - `shortfalls`: no less than the sum of `shortfall` over the effects. `free`: upper bound of the remaining degrees of
-      freedom.
-    - `total`, `dof`, `known`: as of `log_evidence`.
-    """
-    if known:
-        return shortfalls - 0.5 * left
-    free, something = np.maximum(free, 1), left > ROUNDING * total
-    score = shortfalls - 0.5 * (free + dof * np.log(np.where(something, left, 1.0) / free) - np.log(np.pi / free))
-    # Of what leaves next to nothing, `log_evidence` does not look at how much.
-    return np.where(something, score, _NO_BOUND)
 
 
 def log_evidence_of_noise(total: Float[np.ndarray, " *shape"], dof: int, known: bool) -> Float[np.ndarray, " *shape"]:

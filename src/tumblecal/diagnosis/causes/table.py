@@ -14,7 +14,6 @@ from tumblecal.diagnosis.causes.together import Together
 from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.effects import AXES
 from tumblecal.full_model.layout import Slot
-from tumblecal.full_model.visibility import Visibility
 from tumblecal.ground.showing import brief
 
 
@@ -198,11 +197,6 @@ class Pool:
             return make(own, cause._replace(offset=self.offsets[np.searchsorted(self.faults, number)]))
         first = self.first_rows[number]
         return make(own, cause._replace(block=self.rows[first : first + self.ranks[number]].T))
-
-    @cached_property
-    def seen(self) -> tuple[Visibility, ...]:
-        """Visibility of every effect."""
-        return tuple(self.seen_effects or ())
 
     def numbers_of(self, kind: Kind) -> Int[np.ndarray, " own"]:
         """Numbers of the candidates of a kind."""

@@ -252,8 +252,8 @@ def _searched(screened: Screened, asides: Float[np.ndarray, "folds out nu"]) -> 
             bases, priors = partial_sets(pool, search.z, sets, asides[folds]), SetPriors.of(pool, rows_of(sets))
             own = bases.log_evidence(pool.dof, search.known) + priors.own
             enlarged = with_each(further, search.known, bases) + priors.with_each()[:, numbers]
-            there = np.array([np.isin(numbers, members) | (len(members) == MOST) for members in sets])
-            scores = np.column_stack([own, np.where(there, -np.inf, enlarged)])
+            full = np.all(priors.there, axis=1, keepdims=True)
+            scores = np.column_stack([own, np.where(full, -np.inf, enlarged)])
             for (fold, members), row, k in zip(some, scores, scores.argmax(axis=1).tolist(), strict=True):
                 with_one = members if k == 0 else tuple(sorted((*members, int(numbers[k - 1]))))
                 best[fold] = max(best[fold], (float(row[k]), with_one))

@@ -82,7 +82,7 @@ class Unit:
         each with a different amount. An effect of the head with a time constant is never shared.
         """
         at, signals = self.at, []
-        for seen in self.pool.seen:
+        for seen in self.pool.seen_effects or ():
             on_head, columns = of_head(seen.slot.links), list(seen.slot.columns)
             if not (seen.slot.shape and on_head):
                 signal = SharedSignal(seen.slot.id, "", seen.slot, on_head, tuple(at.model.scales[columns].tolist()))
